@@ -1,0 +1,115 @@
+//! The books of each bus: received = written + dropped, always.
+
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+
+use crate::frame::{GapReason, Unit};
+
+/// Counters of one bus. CAN counts frames, serial counts bytes.
+///
+/// Capture adds to `received` and the drops it sees, the writer to `written` and its own drops;
+/// when both have finished, [`Totals::balanced`] holds.
+#[derive(Debug, Default)]
+pub struct Tally {
+    received: AtomicU64,
+    written: AtomicU64,
+    dropped: [AtomicU64; REASONS.len()],
+    /// Bits on the wire, for the bus load.
+    bits: AtomicU64,
+}
+
+/// Every reason for which something can be counted as dropped, in the order of the counters.
+pub const REASONS: [GapReason; 6] = [
+    GapReason::KernelQueue,
+    GapReason::RecorderQueue,
+    GapReason::LinkDown,
+    GapReason::Overrun,
+    GapReason::Adapter,
+    GapReason::Disk,
+];
+
+/// A [`Tally`] at one moment.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Totals {
+    /// What reached the host: read by us, or counted by the kernel, driver or adapter as lost.
+    pub received: u64,
+    /// What is in the file.
+    pub written: u64,
+    /// What is not, by reason, in the order of [`REASONS`].
+    pub dropped: [u64; REASONS.len()],
+    /// Bits on the wire so far.
+    pub bits: u64,
+}
+
+impl Tally {
+    /// `count` frames or bytes were read from the bus.
+    pub fn received(&self, count: u64) {
+        self.received.fetch_add(count, Relaxed);
+    }
+
+    /// `count` frames or bytes are in the file.
+    pub fn written(&self, count: u64) {
+        self.written.fetch_add(count, Relaxed);
+    }
+
+    /// `count` frames or bytes that had been counted as received are lost.
+    pub fn dropped(&self, reason: GapReason, count: u64) {
+        self.dropped[index(reason)].fetch_add(count, Relaxed);
+    }
+
+    /// `count` frames or bytes were lost before we could read them: received and dropped at once.
+    pub fn missed(&self, reason: GapReason, count: u64) {
+        self.received(count);
+        self.dropped(reason, count);
+    }
+
+    /// `bits` passed on the wire.
+    pub fn bits(&self, bits: u64) {
+        self.bits.fetch_add(bits, Relaxed);
+    }
+
+    /// The counters now.
+    pub fn totals(&self) -> Totals {
+        Totals {
+            received: self.received.load(Relaxed),
+            written: self.written.load(Relaxed),
+            dropped: std::array::from_fn(|i| self.dropped[i].load(Relaxed)),
+            bits: self.bits.load(Relaxed),
+        }
+    }
+}
+
+impl Totals {
+    /// All drops together.
+    pub fn lost(&self) -> u64 {
+        self.dropped.iter().sum()
+    }
+
+    /// Drops for one reason.
+    pub fn lost_to(&self, reason: GapReason) -> u64 {
+        self.dropped[index(reason)]
+    }
+
+    /// received = written + dropped.
+    pub fn balanced(&self) -> bool {
+        self.received == self.written + self.lost()
+    }
+}
+
+/// The unit in words.
+pub fn unit_name(unit: Unit) -> &'static str {
+    match unit {
+        Unit::Frames => "frames",
+        Unit::Bytes => "bytes",
+    }
+}
+
+fn index(reason: GapReason) -> usize {
+    match reason {
+        GapReason::KernelQueue => 0,
+        GapReason::RecorderQueue => 1,
+        GapReason::LinkDown => 2,
+        GapReason::Overrun => 3,
+        GapReason::Adapter => 4,
+        GapReason::Disk => 5,
+    }
+}

@@ -4,3 +4,5 @@ pub mod capture;
 pub mod clock;
 pub mod frame;
 pub mod record;
+pub mod recording;
+pub mod text;

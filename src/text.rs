@@ -19,6 +19,31 @@ pub fn rfc3339_millis(time: Timestamp) -> String {
     format!("{:.3}", utc(time))
 }
 
+/// `2026-11-22 03:15:00`, as candump prints dates.
+pub fn date_and_time(time: Timestamp) -> String {
+    utc(time).strftime("%Y-%m-%d %H:%M:%S").to_string()
+}
+
+/// A moment: RFC 3339, seconds since 1970, or `+1m30s` after `origin`.
+pub fn parse_moment(text: &str, origin: Timestamp) -> Result<Timestamp, String> {
+    let nanos = |duration: Duration| u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
+    if let Some(offset) = text.strip_prefix('+') {
+        return parse_duration(offset).map(|after| origin.plus(nanos(after)));
+    }
+    if text.starts_with(|c: char| c.is_ascii_digit()) && !text.contains(['-', ':', 'T']) {
+        return parse_duration(text).map(|since_1970| Timestamp(nanos(since_1970)));
+    }
+    let time: Result<jiff::Timestamp, _> = text.parse();
+    time.ok().and_then(|time| u64::try_from(time.as_nanosecond()).ok()).map(Timestamp).ok_or_else(
+        || {
+            format!(
+                "\"{text}\" is not a time; write it like 2026-11-22T03:15:00Z, 1782097200.5 or \
+                 +1m30s (after the start of the recording)"
+            )
+        },
+    )
+}
+
 fn utc(time: Timestamp) -> jiff::Timestamp {
     // The range ends in the year 2262, inside what the library can show.
     let nanos = i128::from(time.nanos());
@@ -28,11 +53,21 @@ fn utc(time: Timestamp) -> jiff::Timestamp {
 /// A duration such as `90s`, `1m30s`, `200ms`, `8h`; a bare number is seconds.
 pub fn parse_duration(text: &str) -> Result<Duration, String> {
     let help = || format!("\"{text}\" is not a duration; write it like 200ms, 90s, 1m30s or 8h");
-    if let Ok(seconds) = text.parse::<f64>() {
-        return Duration::try_from_secs_f64(seconds).map_err(|_| help());
+    if let Some(duration) = bare_seconds(text) {
+        return Ok(duration);
     }
     let duration: jiff::SignedDuration = text.parse().map_err(|_| help())?;
     Duration::try_from(duration).map_err(|_| help())
+}
+
+/// Seconds with up to nine decimals, exactly: a float would lose nanoseconds.
+fn bare_seconds(text: &str) -> Option<Duration> {
+    let (whole, fraction) = text.split_once('.').unwrap_or((text, ""));
+    let digits = |text: &str| text.bytes().all(|byte| byte.is_ascii_digit());
+    if whole.is_empty() || !digits(whole) || !digits(fraction) || fraction.len() > 9 {
+        return None;
+    }
+    Some(Duration::new(whole.parse().ok()?, format!("{fraction:0<9}").parse().ok()?))
 }
 
 /// A size such as `64MiB`, `500MB` or `1GiB`; a bare number is bytes.
@@ -101,6 +136,16 @@ mod tests {
         assert!(parse_duration("soon").is_err());
         assert_eq!(parse_size("64MiB"), Ok(64 << 20));
         assert!(parse_size("much").is_err());
+    }
+
+    #[test]
+    fn moments_are_read_to_the_nanosecond() {
+        let origin = Timestamp(5_000_000_000);
+        assert_eq!(parse_moment("+1m30s", origin), Ok(Timestamp(95_000_000_000)));
+        let nanos = Timestamp(1_700_000_000_123_456_789);
+        assert_eq!(parse_moment("1700000000.123456789", origin), Ok(nanos));
+        assert_eq!(parse_moment("2023-11-14T22:13:20.123456789Z", origin), Ok(nanos));
+        assert!(parse_moment("yesterday", origin).is_err());
     }
 
     #[test]

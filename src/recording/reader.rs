@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use mcap::records::op;
 
-use super::records::{ChunkRef, Message, Record, records};
+use super::records::{ChunkRef, Message, Record, channel_bit, records};
 use super::segment::{Ending, ReadError, Segment};
 use super::{can_batch, can_frame, message};
 use crate::frame::{Frame, Stamped, Timestamp};
@@ -53,6 +53,9 @@ impl Recording {
         Ok(Self { segments, buses })
     }
 
+    /// All of time.
+    pub const ALL: RangeInclusive<Timestamp> = Timestamp(0)..=Timestamp(u64::MAX);
+
     /// Log times of the first and last message.
     pub fn span(&self) -> Option<(Timestamp, Timestamp)> {
         let spans = || self.segments.iter().map(|s| s.statistics.span).filter(|s| s.0 != 0);
@@ -60,27 +63,40 @@ impl Recording {
         Some((Timestamp(start), Timestamp(end)))
     }
 
-    /// Everything within a range of time, in time order.
-    pub fn entries(&self, range: RangeInclusive<Timestamp>) -> Entries<'_> {
+    /// Everything on the wanted topics within a range of time, in time order. Chunks that hold
+    /// nothing wanted are not read.
+    pub fn entries(
+        &self,
+        range: RangeInclusive<Timestamp>,
+        wanted: impl Fn(&str) -> bool,
+    ) -> Entries<'_> {
         let (from, to) = (range.start().nanos(), range.end().nanos());
         let mut chunks = Vec::new();
+        let mut kinds = Vec::new();
         for (index, segment) in self.segments.iter().enumerate() {
+            let of_segment = self.kinds(segment, &wanted);
+            let ids = (0u16..).zip(&of_segment).filter(|(_, kind)| !matches!(kind, Kind::Unwanted));
+            let mask = ids.fold(0, |mask, (id, _)| mask | channel_bit(id));
             let batch = segment.fact("bustape.recording", "batch_max_ns");
             let widen = batch.and_then(|text| text.parse().ok()).unwrap_or(0);
-            let wanted = |c: &&ChunkRef| c.start <= to && c.end.saturating_add(widen) >= from;
-            chunks.extend(segment.chunks.iter().filter(wanted).map(|chunk| (index, *chunk)));
+            let matches = |chunk: &&ChunkRef| {
+                // A file that was cut off before the index of its last chunk does not tell.
+                let holds = chunk.channels == 0 || chunk.channels & mask != 0;
+                holds && chunk.start <= to && chunk.end.saturating_add(widen) >= from
+            };
+            chunks.extend(segment.chunks.iter().filter(matches).map(|chunk| (index, *chunk)));
+            kinds.push(of_segment);
         }
         chunks.sort_by_key(|(_, chunk)| chunk.start);
         chunks.reverse();
-        let kinds = self.segments.iter().map(|s| self.kinds(s)).collect();
         let (ready, records) = (Vec::new(), Vec::new());
         Entries { recording: self, range, chunks, kinds, ready, records, damage: Vec::new() }
     }
 
     /// What each channel of a segment carries, by channel id.
-    fn kinds(&self, segment: &Segment) -> Vec<Kind> {
+    fn kinds(&self, segment: &Segment, wanted: impl Fn(&str) -> bool) -> Vec<Kind> {
         let mut kinds = Vec::new();
-        for channel in segment.channels.values() {
+        for channel in segment.channels.values().filter(|channel| wanted(&channel.topic)) {
             let schema = segment.schemas.get(&channel.schema).map(|s| s.name.as_str());
             let bus = channel.metadata.get("bus");
             let bus = bus.and_then(|name| self.buses.iter().position(|b| b == name));
@@ -93,7 +109,7 @@ impl Recording {
             };
             let id = usize::from(channel.id);
             if kinds.len() <= id {
-                kinds.resize(id + 1, Kind::Other);
+                kinds.resize(id + 1, Kind::Unwanted);
             }
             kinds[id] = kind;
         }
@@ -114,6 +130,7 @@ enum Kind {
     Serial(usize),
     Gap(usize),
     Other,
+    Unwanted,
 }
 
 /// Entries in time order; see [`Recording::entries`].
@@ -179,8 +196,9 @@ impl Entries<'_> {
     fn take_message(&mut self, segment: usize, body: &[u8]) -> bool {
         let Some(Message { channel, log_time, data }) = Message::of(body) else { return false };
         let time = Timestamp(log_time);
-        let kind = self.kinds[segment].get(usize::from(channel)).copied().unwrap_or(Kind::Other);
-        let entry = match kind {
+        let kind = self.kinds[segment].get(usize::from(channel)).copied();
+        let entry = match kind.unwrap_or(Kind::Unwanted) {
+            Kind::Unwanted => return true,
             Kind::CanBatch(bus) => return self.take_batch(bus, time, data),
             Kind::CanFrame(bus) => can_frame::decode(data).map(|f| (bus, Frame::Can(f))),
             Kind::Serial(bus) => message::decode_serial(data).map(|b| (bus, Frame::Serial(b))),

@@ -114,6 +114,14 @@ pub struct ChunkRef {
     pub offset: u64,
     /// Of its record, with opcode and length.
     pub length: u64,
+    /// Which channels have messages in it, see [`channel_bit`].
+    pub channels: u64,
+}
+
+/// The bit that stands for a channel in [`ChunkRef::channels`]. Channels from 63 on share one, so
+/// a set bit means "perhaps", a clear one "no".
+pub fn channel_bit(channel: u16) -> u64 {
+    1 << channel.min(63)
 }
 
 /// Counts of a whole file.
@@ -209,7 +217,13 @@ impl ChunkRef {
         let mut reader = Reader(body);
         let (start, end, offset, length) =
             (reader.u64()?, reader.u64()?, reader.u64()?, reader.u64()?);
-        Some(Self { start, end, offset, length })
+        let map_length = usize::try_from(reader.u32()?).ok()?;
+        let mut map = Reader(reader.bytes(map_length)?);
+        let mut channels = 0;
+        while let (Some(channel), Some(_offset)) = (map.u16(), map.u64()) {
+            channels |= channel_bit(channel);
+        }
+        Some(Self { start, end, offset, length, channels })
     }
 }
 

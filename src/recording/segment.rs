@@ -226,7 +226,7 @@ impl Segment {
         let [start, stop] = [0, 8].map(|i| {
             u64::from_le_bytes(std::array::from_fn(|byte| times[i + byte]))
         });
-        self.chunks.push(ChunkRef { start, end: stop, offset: at, length: end - at });
+        self.chunks.push(ChunkRef { start, end: stop, offset: at, length: end - at, channels: 0 });
         let span = &mut self.statistics.span;
         *span = if span.0 == 0 { (start, stop) } else { (span.0.min(start), span.1.max(stop)) };
         Ok(())
@@ -240,6 +240,9 @@ impl Segment {
                     *self.statistics.channels.entry(channel).or_default() += count;
                     self.statistics.messages += count;
                     used.insert(channel);
+                    if let Some(chunk) = self.chunks.last_mut() {
+                        chunk.channels |= records::channel_bit(channel);
+                    }
                 }
             }
             op::METADATA => {

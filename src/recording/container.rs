@@ -21,7 +21,6 @@ use mcap::records::{self, op};
 
 use super::chunk::{Chunk, INDEX_ENTRY};
 use super::disk::OutputFile;
-use super::schema::Schema;
 
 /// A name and a text for each thing known.
 pub type Facts = BTreeMap<String, String>;
@@ -37,6 +36,37 @@ pub struct Attachment {
     pub data: Vec<u8>,
 }
 
+/// A channel to be defined.
+#[derive(Clone, Debug, Default)]
+pub struct ChannelDefinition<'a> {
+    /// Topic.
+    pub topic: String,
+    /// Encoding of its messages, such as `protobuf`.
+    pub encoding: String,
+    /// What its messages look like.
+    pub schema: Option<SchemaDefinition<'a>>,
+    /// Whatever is worth noting.
+    pub metadata: Facts,
+}
+
+impl ChannelDefinition<'_> {
+    /// Name of its schema, empty without one.
+    pub fn schema_name(&self) -> &str {
+        self.schema.map_or("", |schema| schema.name)
+    }
+}
+
+/// What the messages of a channel look like.
+#[derive(Clone, Copy, Debug)]
+pub struct SchemaDefinition<'a> {
+    /// Type name.
+    pub name: &'a str,
+    /// Encoding of the data, such as `protobuf`.
+    pub encoding: &'a str,
+    /// The definition.
+    pub data: &'a [u8],
+}
+
 /// The file.
 pub struct Container {
     out: Box<dyn OutputFile>,
@@ -46,7 +76,8 @@ pub struct Container {
     zstd: zstd::bulk::Compressor<'static>,
     compressed: Vec<u8>,
     block: Vec<u8>,
-    schemas: BTreeMap<&'static str, u16>,
+    /// Ids by name, checksum and length of the definition.
+    schemas: BTreeMap<(String, u32, usize), u16>,
     groups: Groups,
     statistics: records::Statistics,
 }
@@ -132,15 +163,21 @@ impl Container {
     pub fn channel(
         &mut self,
         chunk: &mut Chunk,
-        topic: String,
-        schema: Schema,
-        metadata: Facts,
+        definition: ChannelDefinition<'_>,
     ) -> io::Result<u16> {
-        let schema_id = self.schema(chunk, schema)?;
+        let schema_id = match &definition.schema {
+            Some(schema) => self.schema(chunk, schema)?,
+            None => 0,
+        };
         let id = u16::try_from(self.statistics.channel_count)
             .map_err(|_| io::Error::other("an MCAP file cannot have more than 65,535 channels"))?;
-        let message_encoding = "protobuf".to_owned();
-        let channel = records::Channel { id, schema_id, topic, message_encoding, metadata };
+        let channel = records::Channel {
+            id,
+            schema_id,
+            topic: definition.topic,
+            message_encoding: definition.encoding,
+            metadata: definition.metadata,
+        };
         let bytes = record_bytes(op::CHANNEL, &channel)?;
         chunk.define(&bytes);
         self.groups.channels.extend_from_slice(&bytes);
@@ -148,23 +185,24 @@ impl Container {
         Ok(id)
     }
 
-    fn schema(&mut self, chunk: &mut Chunk, schema: Schema) -> io::Result<u16> {
-        if let Some(&id) = self.schemas.get(schema.name) {
+    fn schema(&mut self, chunk: &mut Chunk, schema: &SchemaDefinition<'_>) -> io::Result<u16> {
+        let crc = crc32fast::hash(schema.data);
+        let key = (schema.name.to_owned(), crc, schema.data.len());
+        if let Some(&id) = self.schemas.get(&key) {
             return Ok(id);
         }
         let id = u16::try_from(self.schemas.len() + 1)
             .map_err(|_| io::Error::other("an MCAP file cannot have more than 65,535 schemas"))?;
-        let encoding = "protobuf".to_owned();
-        let header = records::SchemaHeader { id, name: schema.name.to_owned(), encoding };
-        let mut body = body(&header)?;
-        let length = u32::try_from(schema.descriptor.len()).map_err(io::Error::other)?;
+        let (name, encoding) = (schema.name.to_owned(), schema.encoding.to_owned());
+        let mut body = body(&records::SchemaHeader { id, name, encoding })?;
+        let length = u32::try_from(schema.data.len()).map_err(io::Error::other)?;
         body.extend_from_slice(&length.to_le_bytes());
-        body.extend_from_slice(schema.descriptor);
+        body.extend_from_slice(schema.data);
         let mut bytes = Vec::new();
         put_bytes(&mut bytes, op::SCHEMA, &body);
         chunk.define(&bytes);
         self.groups.schemas.extend_from_slice(&bytes);
-        self.schemas.insert(schema.name, id);
+        self.schemas.insert(key, id);
         self.statistics.schema_count += 1;
         Ok(id)
     }

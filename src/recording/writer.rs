@@ -7,7 +7,7 @@ use std::io;
 
 use super::can_batch::BatchBuilder;
 use super::chunk::Chunk;
-use super::container::{Attachment, Container, Facts};
+use super::container::{Attachment, ChannelDefinition, Container, Facts, SchemaDefinition};
 use super::disk::OutputFile;
 use super::schema::{self, Schema, bustape};
 use super::{can_frame, message, wire};
@@ -253,8 +253,27 @@ impl SegmentWriter {
         self.new_channel(&topic, schema, Facts::from([("bus".to_owned(), name)]))
     }
 
-    fn new_channel(&mut self, topic: &str, schema: Schema, facts: Facts) -> io::Result<u16> {
-        self.container.channel(&mut self.chunk, topic.to_owned(), schema, facts)
+    fn new_channel(&mut self, topic: &str, schema: Schema, metadata: Facts) -> io::Result<u16> {
+        let Schema { name, descriptor: data } = schema;
+        self.define(ChannelDefinition {
+            topic: topic.to_owned(),
+            encoding: "protobuf".to_owned(),
+            schema: Some(SchemaDefinition { name, encoding: "protobuf", data }),
+            metadata,
+        })
+    }
+
+    /// Defines any other channel, for [`SegmentWriter::add_raw`].
+    pub fn define(&mut self, definition: ChannelDefinition<'_>) -> io::Result<u16> {
+        self.container.channel(&mut self.chunk, definition)
+    }
+
+    /// Adds a message of a channel defined before, as it is.
+    pub fn add_raw(&mut self, channel: u16, time: Timestamp, data: &[u8]) {
+        let (open, out) = self.chunk.begin(channel, time);
+        out.extend_from_slice(data);
+        self.chunk.end(open);
+        self.note(time);
     }
 
     fn note(&mut self, time: Timestamp) {

@@ -1,5 +1,6 @@
 //! bustape: a flight recorder for field buses.
 
+pub mod address;
 pub mod capture;
 pub mod cli;
 pub mod clock;

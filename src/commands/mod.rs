@@ -36,7 +36,6 @@ pub fn main() -> ExitCode {
         Command::Cat(args) => cat::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Ports(args) => ports::run(&args),
-        Command::Demo(args) => demo::run(&args),
     };
     match result {
         Ok(Ended::Well) => ExitCode::SUCCESS,

@@ -6,6 +6,7 @@ mod interfaces;
 mod message;
 mod open;
 mod pace;
+mod passes;
 mod port;
 mod reader;
 mod run;

@@ -40,24 +40,21 @@ impl<T: OneDescriptor> Waiting<T> {
         Ok(Self(unsafe { AsyncFd::register_with_interest(inner, interest) }?))
     }
 
-    /// Returns when there is something to do. May be dropped and called again.
+    /// Waits until there is something to do, and does it. `WouldBlock` of `act` says that nothing
+    /// is left, so that the next call waits for the kernel's next signal. Nothing is done if this
+    /// is dropped while it waits.
     ///
     /// # Errors
-    /// When the runtime shuts down.
-    pub async fn ready(&self, interest: Interest) -> io::Result<()> {
-        self.0.ready(interest).await.map(|_| ())
-    }
-
-    /// Does it, if there is something to do. `WouldBlock` of `act` says that now there is not,
-    /// so that [`ready`](Self::ready) waits for the kernel's next signal.
-    ///
-    /// # Errors
-    /// Those of `act`, and `WouldBlock`.
-    pub fn try_io<R>(
+    /// Those of `act`; an error of its own when the runtime shuts down.
+    pub async fn act<R>(
         &self,
         interest: Interest,
         act: impl FnOnce(&T) -> io::Result<R>,
     ) -> io::Result<R> {
-        self.0.try_io(interest, act)
+        // Not AsyncFd::try_io: with two interests it finds neither and never calls `act`
+        // (tokio 1.54).
+        let mut ready = self.0.ready(interest).await?;
+        let acted = ready.try_io(|inner| act(inner.get_ref()));
+        acted.unwrap_or_else(|_| Err(io::ErrorKind::WouldBlock.into()))
     }
 }

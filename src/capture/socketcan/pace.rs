@@ -71,10 +71,9 @@ mod tests {
 
     #[test]
     fn napping_ends_when_it_saves_nothing_or_fills_the_buffer() {
-        let mut pace = Pace::new(800);
         for frames in [0, 1, 101] {
-            naps(&mut pace, QUICK_READS.into(), 1_000);
-            assert!(pace.napping);
+            let mut pace = Pace::new(800);
+            naps(&mut pace, 1 + u64::from(QUICK_READS), 1_000);
             assert!(pace.nap_after(100, Timestamp(3_000_000_000)));
             assert!(!pace.nap_after(frames, Timestamp(3_002_000_000)));
         }

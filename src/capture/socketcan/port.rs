@@ -35,22 +35,15 @@ impl Port {
         Ok(())
     }
 
-    /// Returns when it is time to read. May be dropped and called again.
-    pub(super) async fn ready(&self) -> io::Result<()> {
-        match &self.registered {
-            Some(registered) => registered.ready(interest()).await,
-            None => {
-                tokio::time::sleep(NAP).await;
-                Ok(())
-            }
-        }
-    }
-
-    /// Reads once, after [`ready`](Self::ready).
-    pub(super) fn receive(&self, batch: &mut CanBatch) -> io::Result<usize> {
-        let Some(registered) = &self.registered else { return self.socket.receive(batch) };
-        let mut received = Err(io::ErrorKind::WouldBlock.into());
-        let told = registered.try_io(interest(), |socket| {
+    /// Waits until it is time to read, and reads once. Nothing is read, nor lost, if this is
+    /// dropped while it waits.
+    pub(super) async fn receive(&self, batch: &mut CanBatch) -> io::Result<usize> {
+        let Some(registered) = &self.registered else {
+            tokio::time::sleep(NAP).await;
+            return self.socket.receive(batch);
+        };
+        let mut received = Ok(0);
+        let told = registered.act(interest(), |socket| {
             received = socket.receive(batch);
             match &received {
                 // Frames may wait behind an error.
@@ -61,9 +54,10 @@ impl Port {
                 _ => Err(io::ErrorKind::WouldBlock.into()),
             }
         });
-        // All that it could say is in `received`.
-        drop(told);
-        received
+        match told.await {
+            Err(error) if error.kind() != io::ErrorKind::WouldBlock => Err(error),
+            _ => received,
+        }
     }
 
     /// The socket, to read from it whether it is ready or not.

@@ -91,17 +91,14 @@ impl Capture {
             () = stop.requested() => return Ok(false),
             () = tokio::time::sleep_until(self.next_check) => self.check()?,
             () = changed(self.watch.as_ref()) => self.check()?,
-            ready = self.port.ready() => {
-                ready?;
-                self.read()?;
-            }
+            received = self.port.receive(&mut self.batch) => self.read(received)?,
         }
         Ok(!self.reader.inlet.satisfied())
     }
 
-    /// One read, and how to wait for the next.
-    fn read(&mut self) -> io::Result<()> {
-        match self.port.receive(&mut self.batch) {
+    /// Records what one read returned, and chooses how to wait for the next.
+    fn read(&mut self, received: io::Result<usize>) -> io::Result<()> {
+        match received {
             Ok(count) => {
                 let now = self.reader.take(&self.batch, FOREVER).unwrap_or(self.known);
                 self.port.nap(self.pace.nap_after(count, now))
@@ -246,9 +243,9 @@ impl Capture {
 /// Returns when some link has changed.
 async fn changed(watch: Option<&Waiting<LinkWatch>>) {
     let Some(watch) = watch else { return std::future::pending().await };
-    if watch.ready(Interest::READABLE).await.is_err() {
-        return std::future::pending().await;
+    // `clear` reads up to WouldBlock; another error means that the runtime shuts down.
+    match watch.act(Interest::READABLE, LinkWatch::clear).await {
+        Err(error) if error.kind() != io::ErrorKind::WouldBlock => std::future::pending().await,
+        _ => {}
     }
-    // Reads up to EAGAIN, so that the next change is signalled.
-    let _ = watch.try_io(Interest::READABLE, LinkWatch::clear);
 }

@@ -212,7 +212,7 @@ mod tests {
         }
     }
 
-    // Each pair as candump hands it to the kernel (strace of can-utils 2023.03).
+    // Each pair as candump hands it to the kernel (strace of can-utils 2020.11).
     #[test]
     fn filters_are_candumps() {
         let one = |text: &str| parse(&format!("can0,{text}")).filters[0];

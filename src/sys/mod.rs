@@ -1,0 +1,5 @@
+//! System calls that no safe crate offers. The only place for `unsafe`.
+
+pub mod opens;
+pub mod pty;
+pub mod tty;

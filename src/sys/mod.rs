@@ -3,3 +3,4 @@
 pub mod opens;
 pub mod pty;
 pub mod tty;
+pub mod wait;

@@ -3,6 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use super::settings::{SerialSettings, SettingsError};
+use super::{Bridge, Listen, PtySource};
+use crate::capture::{CaptureError, Source};
 
 /// One serial bus: where it is and how its line is set.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -56,6 +58,16 @@ impl SerialAddress {
         } else {
             None
         }
+    }
+
+    /// Opens the bus, so that a wrong name or missing right shows before anything is recorded.
+    pub fn open(self) -> Result<Box<dyn Source>, CaptureError> {
+        Ok(match self {
+            Self::Port { path, settings } => Box::new(Listen::port(path, settings)?),
+            Self::Tap { device, host, settings } => Box::new(Listen::tap(device, host, settings)?),
+            Self::Bridge { path, settings, link } => Box::new(Bridge::open(path, settings, link)?),
+            Self::Pty { link } => Box::new(PtySource::open(link)?),
+        })
     }
 
     /// The bus's name when the user gives none: the last part of the path that stands for it.

@@ -4,6 +4,7 @@ mod rig;
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{Read, Write};
+use std::os::fd::AsFd;
 use std::os::unix::fs::{OpenOptionsExt, symlink};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -201,7 +202,9 @@ fn an_application_may_leave_and_come_back_and_finds_no_stale_bytes() {
     let recorded = recorder.finish();
     assert_eq!(recorded.result, Ok(()));
     assert_eq!(count_bytes(&recorded.frames, Direction::Tx), 30);
-    assert!(recorded.cpu_share() < 0.05, "{:?} of CPU time", recorded.cpu);
+    // Looking who is left costs a walk through /proc at each leaving; a hang-up that is answered
+    // by spinning would cost everything.
+    assert!(recorded.cpu_share() < 0.3, "{:?} of {:?}", recorded.cpu, recorded.wall);
 }
 
 #[test]
@@ -213,10 +216,24 @@ fn an_application_that_stops_reading_does_not_stop_the_recording() {
     let sent = noise(9, COUNT);
     device.say(&sent);
     recorder.wait("everything recorded", |f| count_bytes(f, Direction::Rx) == COUNT);
-    // It reads again: first what was kept for it, then what is new.
-    let mut heard = vec![0; 100_000];
+    // It reads again: first what was kept for it, without a hole, and then what is new.
+    let mut heard = vec![0; 64 << 10];
     application.read_exact(&mut heard).unwrap();
-    assert!(heard == sent[..100_000]);
+    recorder.wait("the end of the stall", |f| {
+        let mut piece = [0; 4096];
+        let more = nix::poll::PollFd::new(application.as_fd(), nix::poll::PollFlags::POLLIN);
+        while nix::poll::poll(&mut [more.clone()], 20_u8).unwrap() > 0 {
+            let count = (&application).read(&mut piece).unwrap();
+            heard.extend_from_slice(&piece[..count]);
+        }
+        notices(f).iter().any(|n| n.contains("reads again"))
+    });
+    assert!(heard == sent[..heard.len()]);
+    device.say(b"fresh");
+    let mut heard = [0; 5];
+    application.read_exact(&mut heard).unwrap();
+    assert_eq!(&heard, b"fresh");
+    let sent = [&sent[..], b"fresh"].concat();
     let recorded = recorder.finish();
     assert!(bytes(&recorded.frames, Direction::Rx) == sent);
     let notices = notices(&recorded.frames);

@@ -87,7 +87,7 @@ impl Recorder {
     }
 
     /// Waits until `enough` of what was recorded so far.
-    pub fn wait(&self, what: &str, enough: impl Fn(&[Stamped<Frame>]) -> bool) {
+    pub fn wait(&self, what: &str, mut enough: impl FnMut(&[Stamped<Frame>]) -> bool) {
         let end = Instant::now() + PATIENCE;
         while !enough(&self.taken.lock().unwrap()) {
             if Instant::now() > end || self.capture.is_finished() {

@@ -5,6 +5,8 @@
 //! records a gap, waits, and goes on when the link is back. Capture never touches the disk.
 
 pub mod socketcan;
+pub mod serial;
+pub mod slcan;
 
 use std::collections::BTreeMap;
 use std::future::Future;

@@ -5,6 +5,10 @@ mod can_socket;
 mod clock;
 pub mod link;
 mod netlink;
+pub mod opens;
+pub mod pty;
+pub mod tty;
+pub mod wait;
 mod waiting;
 
 pub use can_batch::{CanBatch, RawMessage};

@@ -1,0 +1,28 @@
+//! Serial lines: ports, taps, bridges and pseudo-terminals.
+//!
+//! Every read becomes one frame, exactly as the kernel returned it and stamped right after the
+//! read. That stamp can be no better than the way to it: a USB bridge collects bytes for up to its
+//! latency timer (16 ms on common ones, 1 ms with `lowlatency`).
+
+mod address;
+mod application;
+mod bridge;
+mod identity;
+mod link;
+mod listen;
+pub mod marks;
+mod open;
+mod port;
+mod ports;
+mod pty;
+mod relay;
+mod settings;
+mod supervise;
+mod trouble;
+
+pub use address::SerialAddress;
+pub use bridge::Bridge;
+pub use listen::Listen;
+pub use ports::{PortInfo, serial_ports};
+pub use pty::PtySource;
+pub use settings::{FlowControl, Parity, SerialSettings, SettingsError, StopBits};

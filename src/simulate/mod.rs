@@ -10,6 +10,7 @@
 //! | [`station`] | the physics of the solar power station |
 
 pub mod battery;
+pub mod hmi_can;
 pub mod mains;
 pub mod random;
 pub mod station;

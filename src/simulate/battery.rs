@@ -107,16 +107,16 @@ impl Battery {
         CELL_EMPTY + CELL_RISE * self.soc - 0.12 * (1.0 - self.soc).powi(12)
     }
 
-    /// What answers at once, Ω per cell: 1 mΩ at 400 Ah.
+    /// What answers at once, Ω per cell: 0.8 mΩ at 400 Ah.
     fn resistance(&self) -> f64 {
-        0.4 / self.capacity
+        0.32 / self.capacity
     }
 
     fn polarisation_resistance(&self, current: f64) -> f64 {
         let shape = if current > 0.0 {
             0.5 + 2.6 * self.soc.powi(10) + 66.0 * self.soc.powi(60)
         } else {
-            0.35 + 1.3 * (1.0 - self.soc).powi(6)
+            0.24 + 1.3 * (1.0 - self.soc).powi(6)
         };
         shape / self.capacity
     }

@@ -1,1 +1,7 @@
-fn main() {}
+//! The `bustape` command.
+
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    bustape::commands::main()
+}

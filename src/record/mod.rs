@@ -1,7 +1,17 @@
 //! The recorder: from sources to the file, never letting one wait for the other.
+//!
+//! Sources push through [`Inlet`]s into one [`Queue`] that is bounded by bytes; the [`Recorder`],
+//! a plain thread, takes from it and writes. Each bus has its [`Tally`], and at the end of every
+//! recording received = written + dropped.
 
+mod progress;
 mod queue;
+mod recorder;
+mod segments;
 mod tally;
 
+pub use progress::{Progress, State};
 pub use queue::{Allowance, BusIndex, Inlet, Item, Queue, weight};
-pub use tally::{REASONS, Tally, Totals, unit_name};
+pub use recorder::{Outcome, Pace, RecordedBus, Recorder};
+pub use segments::{Segment, SegmentError, Segments, Split, Target};
+pub use tally::{REASONS, Tally, Totals, reason_name, unit_name};

@@ -113,3 +113,15 @@ fn index(reason: GapReason) -> usize {
         GapReason::Disk => 5,
     }
 }
+
+/// The reason as it is called in metadata and tables.
+pub fn reason_name(reason: GapReason) -> &'static str {
+    match reason {
+        GapReason::KernelQueue => "kernel_queue",
+        GapReason::RecorderQueue => "recorder_queue",
+        GapReason::LinkDown => "link_down",
+        GapReason::Overrun => "overrun",
+        GapReason::Adapter => "adapter",
+        GapReason::Disk => "disk",
+    }
+}

@@ -1,0 +1,80 @@
+//! Addresses of buses, as written on the command line: `[NAME=]ADDRESS`.
+
+use crate::capture::socketcan::{CanOptions, CanSettings, SocketCan};
+use crate::capture::{CaptureError, Source};
+
+/// A bus to be recorded: its name, and where it is.
+#[derive(Clone, Debug)]
+pub struct BusSpec {
+    /// What its topics begin with.
+    pub name: String,
+    /// The address, as it was written.
+    pub text: String,
+    address: Address,
+}
+
+/// Where a bus is.
+#[derive(Clone, Debug)]
+enum Address {
+    /// A SocketCAN interface.
+    Can(CanSettings),
+}
+
+/// What a bus argument got wrong. The text is the whole sentence.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct AddressError(pub String);
+
+impl BusSpec {
+    /// Reads `[NAME=]ADDRESS`. Without a name, the last part of the address is the name.
+    pub fn parse(text: &str) -> Result<Self, AddressError> {
+        let (name, rest) = match text.split_once('=') {
+            // An "=" behind the start of an address belongs to the address.
+            Some((name, rest)) if !name.contains(['/', ':', ',']) => (Some(name), rest),
+            _ => (None, text),
+        };
+        let wrong = |why: String| AddressError(format!("bus \"{text}\": {why}"));
+        let address = Address::parse(rest).map_err(wrong)?;
+        let name = match name {
+            Some(name) => name.to_owned(),
+            None => address.default_name(),
+        };
+        check_name(&name).map_err(wrong)?;
+        Ok(Self { name, text: rest.to_owned(), address })
+    }
+
+    /// Opens the bus.
+    pub fn open(&self, can: &CanOptions) -> Result<Box<dyn Source>, CaptureError> {
+        match &self.address {
+            Address::Can(settings) => SocketCan::open(settings, can),
+        }
+    }
+}
+
+impl Address {
+    fn parse(text: &str) -> Result<Self, String> {
+        text.parse().map(Self::Can).map_err(|error: CaptureError| error.to_string())
+    }
+
+    fn default_name(&self) -> String {
+        match self {
+            Self::Can(settings) => settings.interface.clone(),
+        }
+    }
+}
+
+/// A name becomes part of topics, of metadata names and of file names of exports.
+fn check_name(name: &str) -> Result<(), String> {
+    let fits = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    if name.is_empty() || name.len() > 64 || name.starts_with('.') || !name.chars().all(fits) {
+        return Err(format!(
+            "\"{}\" cannot be a name: use up to 64 letters, digits, '-', '_' and '.', no '.' in \
+             front, as in NAME=ADDRESS",
+            name.escape_debug()
+        ));
+    }
+    if name == "bustape" {
+        return Err("the name \"bustape\" is taken by the recorder's own topics".to_owned());
+    }
+    Ok(())
+}

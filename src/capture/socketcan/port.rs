@@ -1,0 +1,78 @@
+//! Waiting for a socket, by the frame or by the clock.
+
+use std::io;
+use std::rc::Rc;
+use std::time::Duration;
+
+use tokio::io::Interest;
+
+use crate::sys::{CanBatch, CanSocket, Waiting};
+
+/// tokio's clock has steps of 1 ms, so a nap lasts between one and two.
+const NAP: Duration = Duration::from_millis(1);
+
+/// A socket and the way it is waited for.
+pub(super) struct Port {
+    socket: Rc<CanSocket>,
+    /// `None` while napping: a registered socket would wake the thread for each frame.
+    registered: Option<Waiting<Rc<CanSocket>>>,
+}
+
+impl Port {
+    pub(super) fn new(socket: CanSocket) -> io::Result<Self> {
+        let mut port = Self { socket: Rc::new(socket), registered: None };
+        port.nap(false)?;
+        Ok(port)
+    }
+
+    /// Whether to wait for the clock instead of for frames.
+    pub(super) fn nap(&mut self, nap: bool) -> io::Result<()> {
+        if nap {
+            self.registered = None;
+        } else if self.registered.is_none() {
+            self.registered = Some(Waiting::new(Rc::clone(&self.socket), interest())?);
+        }
+        Ok(())
+    }
+
+    /// Returns when it is time to read. May be dropped and called again.
+    pub(super) async fn ready(&self) -> io::Result<()> {
+        match &self.registered {
+            Some(registered) => registered.ready(interest()).await,
+            None => {
+                tokio::time::sleep(NAP).await;
+                Ok(())
+            }
+        }
+    }
+
+    /// Reads once, after [`ready`](Self::ready).
+    pub(super) fn receive(&self, batch: &mut CanBatch) -> io::Result<usize> {
+        let Some(registered) = &self.registered else { return self.socket.receive(batch) };
+        let mut received = Err(io::ErrorKind::WouldBlock.into());
+        let told = registered.try_io(interest(), |socket| {
+            received = socket.receive(batch);
+            match &received {
+                // Frames may wait behind an error.
+                Err(error) if error.kind() != io::ErrorKind::WouldBlock => Ok(()),
+                Ok(_) if batch.is_full() => Ok(()),
+                // Anything less means that the kernel holds no more: wait for its next signal,
+                // without another system call to find that out.
+                _ => Err(io::ErrorKind::WouldBlock.into()),
+            }
+        });
+        // All that it could say is in `received`.
+        drop(told);
+        received
+    }
+
+    /// The socket, to read from it whether it is ready or not.
+    pub(super) fn socket(&self) -> &CanSocket {
+        &self.socket
+    }
+}
+
+/// An interface that goes down is signalled as an error only.
+fn interest() -> Interest {
+    Interest::READABLE | Interest::ERROR
+}

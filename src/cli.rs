@@ -1,0 +1,297 @@
+//! Every command and option, defined and documented once.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, Parser, Subcommand, ValueEnum};
+
+use crate::recording::writer::Layout;
+use crate::text::{parse_duration, parse_size};
+
+/// A flight recorder for field buses.
+///
+/// Captures CAN and serial traffic into MCAP files that any MCAP reader and Foxglove open, and
+/// says what it lost.
+#[derive(Debug, Parser)]
+#[command(version, max_term_width = 100, after_help = EXIT_CODES)]
+pub struct Cli {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+const EXIT_CODES: &str = "\
+Results go to stdout, everything else to stderr.
+Exit status: 0 ok, 1 failed, 2 wrong usage, 3 finished but something was lost or skipped.";
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Record buses into MCAP files
+    Record(Box<RecordArgs>),
+    /// Show what is in a recording
+    Info(InfoArgs),
+    /// Print the frames of a recording
+    Cat(CatArgs),
+    /// Rewrite a recording: other layout, several segments into one, an unfinished file into a
+    /// finished one
+    Convert(ConvertArgs),
+    /// List the CAN interfaces and serial ports of this machine
+    Ports(PortsArgs),
+}
+
+/// Addresses, for the help of every command that takes them.
+const ADDRESSES: &str = "\
+Addresses ([NAME=]ADDRESS; without a name the last part of the address is the name):
+  can0, vcan0                      SocketCAN interface
+  can0@500000, can0@500000/2000000 set to this bit rate (CAN FD: /data bit rate) when permitted,
+                                   else checked
+  can0,123:7FF,~400:700            only what passes these filters, in candump's syntax: ID:MASK,
+                                   ~ID:MASK not these, #ERRORMASK, j to join them; in the kernel
+  /dev/ttyUSB0,19200,8N1           serial port, receive only; then rtscts, xonxoff, lowlatency
+  tap:/dev/ttyUSB0+/dev/ttyUSB1,19200,8N1
+                                   two ports on the two lines of a link: the first hears the
+                                   device (rx), the second the host (tx)
+  bridge:/dev/ttyUSB0,19200,8N1@PATH
+                                   a pty at PATH for the application, the real port behind it
+  pty:PATH                         a new pseudo-terminal linked at PATH
+  slcan:/dev/ttyACM0@500000        CAN adapter with the Lawicel ASCII protocol
+  sim:hmi-can, sim:zhongheng-09    simulated devices";
+
+/// Options of `bustape record`.
+#[derive(Debug, Args)]
+#[command(after_help = ADDRESSES)]
+#[command(group(clap::ArgGroup::new("target").required(true).args(["output", "dir"])))]
+pub struct RecordArgs {
+    /// What to record, see below
+    #[arg(required = true, value_name = "BUS")]
+    pub buses: Vec<String>,
+
+    /// Record into this file (FILE.part until it is finished); an existing file is never
+    /// overwritten
+    #[arg(short, long, value_name = "FILE")]
+    pub output: Option<PathBuf>,
+
+    /// Record into this folder, as NAME_s0001_0001_20261122T031500Z.mcap: number of the recording,
+    /// number of the segment, time of its start in UTC
+    #[arg(short, long, value_name = "DIR")]
+    pub dir: Option<PathBuf>,
+
+    /// First part of the file names in DIR
+    #[arg(long, default_value = "bustape", value_parser = file_name_part)]
+    pub name: String,
+
+    /// How CAN frames stand in the file
+    #[arg(long, value_enum, default_value_t)]
+    pub layout: Layout,
+
+    /// Stop after this time, e.g. 90s, 10m, 8h [default: record until stopped]
+    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
+    pub duration: Option<Duration>,
+
+    /// Stop after this many frames of all buses together (a serial read counts as one)
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    pub count: Option<u64>,
+
+    /// Begin a new file when this one has about this size, e.g. 512MiB [default: 1GiB with --dir,
+    /// none with --output]
+    #[arg(long, value_name = "SIZE", value_parser = parse_split_size)]
+    pub split_size: Option<u64>,
+
+    /// Begin a new file after this time, e.g. 1h [default: 1h with --dir, none with --output]
+    #[arg(long, value_name = "TIME", value_parser = parse_nonzero_duration)]
+    pub split_time: Option<Duration>,
+
+    /// Longest time until a frame is written to the file: what a kill of the recorder can cost
+    #[arg(long, value_name = "TIME", default_value = "200ms", value_parser = parse_nonzero_duration)]
+    pub chunk_time: Duration,
+
+    /// Write a chunk when it has this size before compression, 4KiB to 16MiB
+    #[arg(long, value_name = "SIZE", default_value = "1MiB", value_parser = parse_chunk_size)]
+    pub chunk_size: usize,
+
+    /// Time between syncs to the disk: what a power cut can cost
+    #[arg(long, value_name = "TIME", default_value = "1s", value_parser = parse_duration)]
+    pub sync: Duration,
+
+    /// zstd level, 1 to 19; above 3 it costs much and saves little
+    #[arg(long, value_name = "LEVEL", default_value_t = 3,
+          value_parser = clap::value_parser!(i32).range(1..=19))]
+    pub compression: i32,
+
+    /// Memory for frames that wait for the disk; what does not fit is dropped and counted
+    #[arg(long, value_name = "SIZE", default_value = "16MiB", value_parser = parse_size)]
+    pub queue: u64,
+
+    /// CAN: receive buffer of each socket in the kernel
+    #[arg(long, value_name = "SIZE", default_value = "4MiB", value_parser = parse_receive_buffer)]
+    pub receive_buffer: u64,
+
+    /// CAN: use the time stamps of the CAN hardware where its driver gives them
+    #[arg(long)]
+    pub hardware_timestamps: bool,
+
+    /// Print the totals as one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Options of `bustape info`.
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    /// Files, or a folder; several segments are shown as one recording
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// How `bustape cat` prints times, as candump does.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum TimeStyle {
+    /// Seconds since 1970 (UTC)
+    #[default]
+    #[value(name = "a")]
+    Absolute,
+    /// Seconds since the line before
+    #[value(name = "d")]
+    Delta,
+    /// Seconds since the first line
+    #[value(name = "z")]
+    Zero,
+    /// Date and time of day (UTC)
+    #[value(name = "A")]
+    Date,
+}
+
+/// Options of `bustape cat`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+CAN frames are printed as candump -L does, serial bytes as hex and ASCII:
+  (1782097200.123456) can0 123#DEADBEEF
+  (1782097200.130112) rect rx  7E 00 01 85 02 00 13 5B 1C          |~........|")]
+pub struct CatArgs {
+    /// Files, or a folder; several segments are printed as one recording
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+
+    /// Style of the times
+    #[arg(short, value_name = "STYLE", value_enum, default_value_t)]
+    pub time: TimeStyle,
+
+    /// Times to the nanosecond instead of the microsecond
+    #[arg(short = 'N', long)]
+    pub nanoseconds: bool,
+
+    /// Append R or T: received, or sent by the recording host
+    #[arg(short = 'x', long)]
+    pub direction: bool,
+
+    /// Print one JSON object a line
+    #[arg(long)]
+    pub json: bool,
+
+    /// Only these topics; * stands for any text. Topics other than raw ones are printed as JSON
+    #[arg(long, value_name = "TOPIC", value_delimiter = ',')]
+    pub topics: Vec<String>,
+
+    /// From this time on: RFC 3339, seconds since 1970, or +1m30s after the start
+    #[arg(long, value_name = "TIME")]
+    pub start: Option<String>,
+
+    /// Up to this time
+    #[arg(long, value_name = "TIME")]
+    pub end: Option<String>,
+
+    /// Only this bus, and of it only CAN frames that pass candump filters: can0,123:7FF,~400:700
+    #[arg(short, long = "filter", value_name = "BUS[,FILTER]...")]
+    pub filters: Vec<String>,
+}
+
+/// Options of `bustape convert`.
+#[derive(Debug, Args)]
+pub struct ConvertArgs {
+    /// Files, or a folder; several segments become one file
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+
+    /// The new file; an existing file is never overwritten
+    #[arg(short, long, value_name = "FILE")]
+    pub output: PathBuf,
+
+    /// How CAN frames stand in the new file [default: as in the first FILE]
+    #[arg(long, value_enum)]
+    pub layout: Option<Layout>,
+
+    /// zstd level, 1 to 19
+    #[arg(long, value_name = "LEVEL", default_value_t = 3,
+          value_parser = clap::value_parser!(i32).range(1..=19))]
+    pub compression: i32,
+}
+
+/// Options of `bustape ports`.
+#[derive(Debug, Args)]
+pub struct PortsArgs {
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// Options of `bustape demo`.
+#[derive(Debug, Args)]
+pub struct DemoArgs {
+    /// Record into this folder
+    #[arg(short, long, value_name = "DIR", default_value = "bustape-demo")]
+    pub dir: PathBuf,
+
+    /// Record for this long; a day of the station passes in a minute
+    #[arg(long, value_name = "TIME", default_value = "15s", value_parser = parse_nonzero_duration)]
+    pub duration: Duration,
+
+    /// How CAN frames stand in the file
+    #[arg(long, value_enum, default_value_t)]
+    pub layout: Layout,
+}
+
+fn parse_nonzero_duration(text: &str) -> Result<Duration, String> {
+    let duration = parse_duration(text)?;
+    if duration < Duration::from_millis(1) {
+        return Err(format!("{text} is too short; the least is 1ms"));
+    }
+    Ok(duration)
+}
+
+fn parse_chunk_size(text: &str) -> Result<usize, String> {
+    let size = parse_size(text)?;
+    let range = 4 << 10..=16 << 20;
+    match usize::try_from(size) {
+        Ok(size) if range.contains(&size) => Ok(size),
+        _ => Err(format!("{text} is not between 4KiB and 16MiB")),
+    }
+}
+
+fn parse_split_size(text: &str) -> Result<u64, String> {
+    let size = parse_size(text)?;
+    if size < 64 << 10 {
+        return Err(format!("{text} is too small; the least is 64KiB"));
+    }
+    Ok(size)
+}
+
+fn parse_receive_buffer(text: &str) -> Result<u64, String> {
+    let size = parse_size(text)?;
+    if size > 1 << 30 {
+        return Err(format!("{text} is too large; the most is 1GiB"));
+    }
+    Ok(size)
+}
+
+fn file_name_part(text: &str) -> Result<String, String> {
+    let fits = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    if text.is_empty() || text.len() > 100 || text.starts_with('.') || !text.chars().all(fits) {
+        return Err("use up to 100 letters, digits, '-', '_' and '.', no '.' in front".to_owned());
+    }
+    Ok(text.to_owned())
+}

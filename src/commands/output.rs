@@ -1,0 +1,67 @@
+//! Words to a person on stderr, results on stdout, tables that align.
+
+use std::io::{self, BufWriter, StdoutLock, Write as _};
+
+use anstyle::{AnsiColor, Style};
+use comfy_table::{CellAlignment, Table, presets};
+
+use crate::text::printable;
+
+const ERROR: Style = AnsiColor::Red.on_default().bold();
+const WARNING: Style = AnsiColor::Yellow.on_default().bold();
+const HEADING: Style = Style::new().bold();
+
+/// Where results go, in large pieces.
+pub fn stdout() -> BufWriter<StdoutLock<'static>> {
+    BufWriter::with_capacity(64 << 10, io::stdout().lock())
+}
+
+/// Why a command failed.
+pub fn error(text: &str) {
+    anstream::eprintln!("{ERROR}error{ERROR:#}: {}", printable(text));
+}
+
+/// Something was lost or is not as asked.
+pub fn warning(text: &str) {
+    anstream::eprintln!("{WARNING}warning{WARNING:#}: {}", printable(text));
+}
+
+/// Good to know.
+pub fn note(text: &str) {
+    anstream::eprintln!("{}", printable(text));
+}
+
+/// A heading on stdout, bold on a terminal.
+pub fn heading(out: &mut impl io::Write, text: &str) -> io::Result<()> {
+    let mut styled = anstream::AutoStream::auto(io::stdout());
+    out.flush()?;
+    writeln!(styled, "{HEADING}{text}{HEADING:#}")?;
+    styled.flush()
+}
+
+/// A table without lines; columns named in `right` align to the right.
+pub fn table(head: &[&str], right: &[usize], rows: Vec<Vec<String>>) -> String {
+    let mut table = Table::new();
+    table.load_preset(presets::NOTHING);
+    if !head.is_empty() {
+        table.set_header(head);
+    }
+    for row in rows {
+        table.add_row(row.iter().map(|cell| printable(cell)));
+    }
+    for &column in right {
+        if let Some(column) = table.column_mut(column) {
+            column.set_cell_alignment(CellAlignment::Right);
+        }
+    }
+    let text = table.trim_fmt();
+    text.lines().map(|line| format!("  {}\n", line.trim_end())).collect()
+}
+
+/// The reader of our output has gone away, which is its right.
+pub fn is_broken_pipe(error: &anyhow::Error) -> bool {
+    error
+        .chain()
+        .filter_map(|cause| cause.downcast_ref::<io::Error>())
+        .any(|cause| cause.kind() == io::ErrorKind::BrokenPipe)
+}

@@ -1,0 +1,70 @@
+//! What the writer is doing, for the status line.
+
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
+
+use crate::frame::Timestamp;
+
+/// Shared between the writer, which changes it, and whoever shows it.
+#[derive(Default)]
+pub struct Progress(Mutex<State>);
+
+/// The writer's state at one moment.
+#[derive(Clone, Debug, Default)]
+pub struct State {
+    /// The open segment, under the name it will have.
+    pub file: PathBuf,
+    /// Bytes written to finished segments.
+    pub earlier_bytes: u64,
+    /// Bytes written to the open segment.
+    pub file_bytes: u64,
+    /// Everything up to here would survive a power cut.
+    pub synced: Option<Timestamp>,
+    /// Bytes waiting for the writer.
+    pub queued: usize,
+    /// Writing has ended for good.
+    pub failed: bool,
+    /// Sentences not shown yet.
+    pub notices: Vec<String>,
+}
+
+impl Progress {
+    /// The state now; takes the notices.
+    pub fn take(&self) -> State {
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let notices = std::mem::take(&mut state.notices);
+        State { notices, ..state.clone() }
+    }
+
+    fn change(&self, change: impl FnOnce(&mut State)) {
+        change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    pub(super) fn file(&self, path: &Path, bytes: u64) {
+        self.change(|state| {
+            path.clone_into(&mut state.file);
+            state.earlier_bytes += state.file_bytes;
+            state.file_bytes = bytes;
+        });
+    }
+
+    pub(super) fn written(&self, bytes: u64) {
+        self.change(|state| state.file_bytes = bytes);
+    }
+
+    pub(super) fn synced(&self, time: Timestamp) {
+        self.change(|state| state.synced = Some(time));
+    }
+
+    pub(super) fn queued(&self, bytes: usize) {
+        self.change(|state| state.queued = bytes);
+    }
+
+    pub(super) fn failed(&self) {
+        self.change(|state| state.failed = true);
+    }
+
+    pub(super) fn notice(&self, text: String) {
+        self.change(|state| state.notices.push(text));
+    }
+}

@@ -1,0 +1,385 @@
+//! The writer's loop: takes from the queue, writes, syncs, splits, keeps the books.
+//!
+//! One plain thread. It may wait for the disk as long as it takes: capture goes on beside it, and
+//! what no longer fits into the queue meanwhile is counted there.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::progress::Progress;
+use super::queue::{Item, Queue};
+use super::segments::{Segment, SegmentError, Segments, write_error};
+use super::tally::{REASONS, Tally, Totals, reason_name};
+use crate::capture::BusFacts;
+use crate::clock::{Step, Timeline};
+use crate::frame::{Frame, Gap, GapReason, Level, Notice, Stamped, Timestamp, Unit};
+use crate::recording::container::{Attachment, Facts};
+use crate::recording::schema::bustape::{BusStats, ClockSync};
+use crate::recording::writer::Head;
+
+/// Most items taken from the queue at once: bounds the memory beside the queue to some 400 KiB.
+const TAKE: usize = 4096;
+const SECOND: u64 = 1_000_000_000;
+
+/// A bus being recorded.
+pub struct RecordedBus {
+    /// The name the user gave it.
+    pub name: String,
+    /// Its address, as the user wrote it.
+    pub address: String,
+    /// What its source knows of it.
+    pub facts: BusFacts,
+    /// Its books.
+    pub tally: Arc<Tally>,
+}
+
+/// When things reach the disk.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Pace {
+    /// Longest time from a frame to the write of its chunk: what a kill can cost.
+    pub chunk: Duration,
+    /// Time between syncs: what a power cut can cost.
+    pub sync: Duration,
+}
+
+impl Default for Pace {
+    fn default() -> Self {
+        Self { chunk: Duration::from_millis(200), sync: Duration::from_secs(1) }
+    }
+}
+
+/// How a recording ended.
+pub struct Outcome {
+    /// The books of each bus, closed.
+    pub totals: Vec<Totals>,
+    /// The files, finished.
+    pub files: Vec<std::path::PathBuf>,
+    /// Why writing ended early, if it did.
+    pub error: Option<SegmentError>,
+}
+
+/// The writer.
+pub struct Recorder {
+    queue: Arc<Queue>,
+    segments: Segments,
+    buses: Vec<RecordedBus>,
+    timeline: Timeline,
+    pace: Pace,
+    recording: Facts,
+    attachments: Vec<Attachment>,
+    progress: Arc<Progress>,
+    /// `None` once writing has failed for good.
+    segment: Option<Segment>,
+    error: Option<SegmentError>,
+    last_sync: Timestamp,
+    last_stats: Timestamp,
+    before: Vec<Totals>,
+    segment_counts: Vec<u64>,
+}
+
+impl Recorder {
+    /// Creates the first segment. `recording` goes into the metadata `bustape.recording`.
+    #[allow(clippy::too_many_arguments, reason = "called once, from the record command")]
+    pub fn start(
+        queue: Arc<Queue>,
+        segments: Segments,
+        buses: Vec<RecordedBus>,
+        timeline: Timeline,
+        pace: Pace,
+        recording: Facts,
+        attachments: Vec<Attachment>,
+        progress: Arc<Progress>,
+    ) -> Result<Self, SegmentError> {
+        let now = timeline.now();
+        let mut recorder = Self {
+            queue,
+            segments,
+            before: vec![Totals::default(); buses.len()],
+            segment_counts: vec![0; buses.len()],
+            buses,
+            timeline,
+            pace,
+            recording,
+            attachments,
+            progress,
+            segment: None,
+            error: None,
+            last_sync: now,
+            last_stats: now,
+        };
+        recorder.open_segment(now)?;
+        Ok(recorder)
+    }
+
+    /// Writes until the queue is closed and empty, then finishes the file. `reason` says why the
+    /// recording ended; it is asked for at the end.
+    pub fn run(mut self, reason: impl FnOnce() -> String) -> Outcome {
+        // Half the chunk time, so that a frame waits at most that long here and again as long in
+        // the open chunk.
+        let tick = self.pace.chunk / 2;
+        let mut items = Vec::with_capacity(TAKE);
+        while self.queue.take(&mut items, TAKE, tick) {
+            for item in items.drain(..) {
+                self.add(&item);
+            }
+            self.on_tick();
+        }
+        self.finish(&reason());
+        let totals = self.buses.iter().map(|bus| bus.tally.totals()).collect();
+        let files = self.segments.finished().to_vec();
+        Outcome { totals, files, error: self.error }
+    }
+
+    fn add(&mut self, item: &Item) {
+        let bus = usize::from(item.bus);
+        let Some(segment) = &mut self.segment else {
+            let lost = super::queue::weight(&item.frame.value);
+            self.buses[bus].tally.dropped(GapReason::Disk, lost);
+            return;
+        };
+        let full = match segment.writer.add(bus, &item.frame) {
+            Ok(()) => segment.writer.is_full(),
+            // Only a full channel table gets here, and a recorder has few channels.
+            Err(error) => return self.fail(&error),
+        };
+        if full {
+            self.cut();
+        }
+    }
+
+    fn on_tick(&mut self) {
+        let now = self.timeline.now();
+        for step in self.timeline.take_steps() {
+            self.add_step(&step);
+        }
+        if now.since(self.last_stats) >= SECOND && self.has_frames() {
+            self.add_stats(now);
+        }
+        let half = u64::try_from(self.pace.chunk.as_nanos() / 2).unwrap_or(u64::MAX);
+        let pending = self.segment.as_ref().and_then(|s| s.writer.pending_span());
+        if pending.is_some_and(|(oldest, _)| now.since(oldest) >= half) {
+            self.cut();
+        }
+        if u128::from(now.since(self.last_sync)) >= self.pace.sync.as_nanos() {
+            self.sync(now);
+        }
+        let full = self.segment.as_ref().is_some_and(|s| self.segments.is_full(s, now));
+        if full && self.has_frames() {
+            self.next_segment(now);
+        }
+    }
+
+    fn has_frames(&self) -> bool {
+        self.segment.as_ref().is_some_and(|s| s.writer.has_frames())
+    }
+
+    /// Writes the open chunk and enters it in the books.
+    fn cut(&mut self) {
+        let Some(segment) = &mut self.segment else { return };
+        let result = segment.writer.cut();
+        let counts: Vec<u64> = segment.writer.take_counts().collect();
+        self.progress.written(segment.writer.position());
+        match result {
+            Ok(()) => {
+                for (bus, count) in counts.into_iter().enumerate() {
+                    self.buses[bus].tally.written(count);
+                    self.segment_counts[bus] += count;
+                }
+            }
+            Err(error) => {
+                for (bus, count) in self.buses.iter().zip(counts) {
+                    bus.tally.dropped(GapReason::Disk, count);
+                }
+                self.fail(&error);
+            }
+        }
+    }
+
+    fn sync(&mut self, now: Timestamp) {
+        self.last_sync = now;
+        let Some(segment) = &mut self.segment else { return };
+        match segment.writer.sync() {
+            Ok(()) => self.progress.synced(now),
+            Err(error) => self.fail(&error),
+        }
+    }
+
+    /// A file that could not be written stays as it is; one new one is tried, then no more.
+    fn fail(&mut self, error: &std::io::Error) {
+        let Some(mut failed) = self.segment.take() else { return };
+        let mut lost = vec![0; self.buses.len()];
+        for (bus, count) in failed.writer.take_counts().enumerate() {
+            self.buses[bus].tally.dropped(GapReason::Disk, count);
+            lost[bus] = count;
+        }
+        let error = write_error(&failed.part(), error);
+        let second = self.error.is_some();
+        self.progress.notice(error.to_string());
+        self.error = Some(error);
+        let now = self.timeline.now();
+        if !second && self.open_segment(now).is_ok() {
+            self.explain_loss(now);
+            return;
+        }
+        self.segment = None;
+        self.progress.failed();
+    }
+
+    /// The first thing in the segment after a failed one: what the disk has cost.
+    fn explain_loss(&mut self, now: Timestamp) {
+        let text = self.error.as_ref().map(ToString::to_string).unwrap_or_default();
+        let Some(segment) = &mut self.segment else { return };
+        let notice = Notice { level: Level::Error, text };
+        segment.writer.add_notice(now, "bustape", &notice).ok();
+        for (index, bus) in self.buses.iter().enumerate() {
+            let count = bus.tally.totals().lost_to(GapReason::Disk);
+            if count > 0 {
+                let unit = bus.facts.unit.unwrap_or(Unit::Frames);
+                let gap = Gap { count, unit, reason: GapReason::Disk, from: now, to: now };
+                let frame = Stamped { time: now, value: Frame::Gap(gap) };
+                segment.writer.add(index, &frame).ok();
+            }
+        }
+    }
+
+    fn add_step(&mut self, step: &Step) {
+        let Some(segment) = &mut self.segment else { return };
+        let milliseconds = step.nanos / 1_000_000;
+        let text = format!(
+            "the wall clock was set by {milliseconds:+} ms; times in this recording go on as before"
+        );
+        let sync = ClockSync {
+            steady_ns: step.reading.steady,
+            wall_ns: step.reading.wall,
+            step_ns: step.nanos,
+        };
+        segment.writer.add_clock(step.time, &sync).ok();
+        let notice = Notice { level: Level::Warning, text };
+        segment.writer.add_notice(step.time, "bustape", &notice).ok();
+    }
+
+    /// Once a second: the clocks and the books.
+    fn add_stats(&mut self, now: Timestamp) {
+        let (time, reading) = self.timeline.read();
+        let Some(segment) = &mut self.segment else { return };
+        let sync = ClockSync { steady_ns: reading.steady, wall_ns: reading.wall, step_ns: 0 };
+        segment.writer.add_clock(time, &sync).ok();
+        #[allow(clippy::cast_precision_loss, reason = "a rate for people")]
+        let seconds = now.since(self.last_stats) as f64 / SECOND as f64;
+        for (index, bus) in self.buses.iter().enumerate() {
+            let totals = bus.tally.totals();
+            let stats = bus_stats(&totals, &self.before[index], seconds, &bus.facts);
+            segment.writer.add_stats(index, now, &stats).ok();
+            self.before[index] = totals;
+        }
+        self.last_stats = now;
+        self.progress.queued(self.queue.fill().0);
+    }
+
+    fn open_segment(&mut self, now: Timestamp) -> Result<(), SegmentError> {
+        let number = self.segments.number() + 1;
+        let mut recording = self.recording.clone();
+        recording.insert("segment".to_owned(), number.to_string());
+        recording.insert("session".to_owned(), self.segments.session().to_string());
+        let head = Head {
+            recording,
+            clock: self.clock_facts(),
+            buses: self.buses.iter().map(RecordedBus::head).collect(),
+            attachments: self.attachments.clone(),
+            time: now,
+        };
+        let segment = self.segments.open(now, &head)?;
+        self.progress.file(&segment.path, segment.writer.position());
+        self.segment = Some(segment);
+        self.segment_counts.fill(0);
+        Ok(())
+    }
+
+    fn clock_facts(&self) -> Facts {
+        let (time, reading) = self.timeline.read();
+        Facts::from([
+            ("log_time_ns".to_owned(), time.nanos().to_string()),
+            ("steady_clock".to_owned(), "CLOCK_BOOTTIME".to_owned()),
+            ("steady_ns".to_owned(), reading.steady.to_string()),
+            ("wall_ns".to_owned(), reading.wall.to_string()),
+        ])
+    }
+
+    fn next_segment(&mut self, now: Timestamp) {
+        self.cut();
+        let Some(full) = self.segment.take() else { return };
+        let summary = self.summary("split");
+        let finished = self.segments.finish(full, summary).and_then(|()| self.open_segment(now));
+        if let Err(error) = finished {
+            self.progress.notice(error.to_string());
+            self.error = Some(error);
+            self.progress.failed();
+        }
+    }
+
+    fn finish(&mut self, reason: &str) {
+        if self.has_frames() {
+            self.add_stats(self.timeline.now());
+        }
+        self.cut();
+        let Some(segment) = self.segment.take() else { return };
+        let summary = self.summary(reason);
+        if let Err(error) = self.segments.finish(segment, summary) {
+            self.error = Some(error);
+        }
+    }
+
+    /// `bustape.summary`: the books so far, and what of them is in this segment.
+    fn summary(&self, reason: &str) -> Facts {
+        let mut facts = Facts::from([("reason".to_owned(), reason.to_owned())]);
+        for (bus, in_segment) in self.buses.iter().zip(&self.segment_counts) {
+            let totals = bus.tally.totals();
+            let unit = super::tally::unit_name(bus.facts.unit.unwrap_or(Unit::Frames));
+            let mut put = |key: &str, value: String| {
+                facts.insert(format!("{}.{key}", bus.name), value);
+            };
+            put("unit", unit.to_owned());
+            put("received", totals.received.to_string());
+            put("written", totals.written.to_string());
+            put("dropped", totals.lost().to_string());
+            put("segment_written", in_segment.to_string());
+            for reason in REASONS {
+                if totals.lost_to(reason) > 0 {
+                    let key = format!("dropped.{}", reason_name(reason));
+                    put(&key, totals.lost_to(reason).to_string());
+                }
+            }
+        }
+        facts
+    }
+}
+
+impl RecordedBus {
+    fn head(&self) -> (String, Facts) {
+        let mut facts = self.facts.more.clone();
+        facts.insert("address".to_owned(), self.address.clone());
+        let rates = [("bitrate", self.facts.bitrate), ("data_bitrate", self.facts.data_bitrate)];
+        for (name, rate) in rates {
+            if let Some(rate) = rate {
+                facts.insert(name.to_owned(), rate.to_string());
+            }
+        }
+        (self.name.clone(), facts)
+    }
+}
+
+#[allow(clippy::cast_precision_loss, reason = "rates for people")]
+fn bus_stats(now: &Totals, before: &Totals, seconds: f64, facts: &BusFacts) -> BusStats {
+    let bits = now.bits - before.bits;
+    BusStats {
+        received: now.received,
+        written: now.written,
+        dropped_kernel_queue: now.lost_to(GapReason::KernelQueue),
+        dropped_recorder_queue: now.lost_to(GapReason::RecorderQueue),
+        dropped_overrun: now.lost_to(GapReason::Overrun),
+        dropped_adapter: now.lost_to(GapReason::Adapter),
+        dropped_disk: now.lost_to(GapReason::Disk),
+        rate: (now.received - before.received) as f64 / seconds,
+        load: facts.bitrate.map(|rate| bits as f64 / seconds / f64::from(rate)),
+    }
+}

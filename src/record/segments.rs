@@ -1,0 +1,243 @@
+//! Segment files: their names, `.part` while open, the next one when one is full.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use crate::frame::Timestamp;
+use crate::recording::container::Facts;
+use crate::recording::disk::{Disk, folder_of};
+use crate::recording::writer::{Head, SegmentWriter, WriterOptions};
+use crate::text::compact_utc;
+
+/// Least free space to start with: anything less is full within minutes.
+const LEAST_FREE: u64 = 8 << 20;
+
+/// Where a recording goes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// One file; with splitting, `_0001` and so on go before its ending.
+    File(PathBuf),
+    /// A folder, and what the names in it begin with.
+    Folder(PathBuf, String),
+}
+
+/// When a segment is full.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Split {
+    /// Bytes in the file.
+    pub size: Option<u64>,
+    /// Age of the segment.
+    pub time: Option<Duration>,
+}
+
+impl Split {
+    fn is_set(self) -> bool {
+        self.size.is_some() || self.time.is_some()
+    }
+}
+
+/// A file of a recording could not be made or finished. The text is the whole sentence.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct SegmentError(pub String);
+
+/// The row of segment files of one recording.
+pub struct Segments {
+    disk: Box<dyn Disk>,
+    target: Target,
+    split: Split,
+    options: WriterOptions,
+    session: u32,
+    number: u32,
+    finished: Vec<PathBuf>,
+}
+
+/// The segment that is open.
+pub struct Segment {
+    /// Its content.
+    pub writer: SegmentWriter,
+    /// The name it will have.
+    pub path: PathBuf,
+    /// When it was opened.
+    pub started: Timestamp,
+}
+
+impl Segment {
+    /// The name it has while it is open.
+    pub fn part(&self) -> PathBuf {
+        part_of(&self.path)
+    }
+}
+
+impl Segments {
+    /// Looks at the target without changing anything.
+    pub fn new(
+        disk: Box<dyn Disk>,
+        target: Target,
+        split: Split,
+        options: WriterOptions,
+    ) -> Result<Self, SegmentError> {
+        let folder = match &target {
+            Target::File(path) => folder_of(path),
+            Target::Folder(folder, _) => folder,
+        };
+        let free = disk.free(folder).map_err(|e| folder_error(folder, &e))?;
+        if free < LEAST_FREE {
+            return Err(SegmentError(format!(
+                "cannot record into {}: only {} KiB are free there, at least {} are needed; \
+                 make room or choose another folder",
+                folder.display(),
+                free >> 10,
+                LEAST_FREE >> 10,
+            )));
+        }
+        let session = match &target {
+            Target::File(_) => 1,
+            Target::Folder(folder, prefix) => {
+                next_session(folder, prefix).map_err(|e| folder_error(folder, &e))?
+            }
+        };
+        Ok(Self { disk, target, split, options, session, number: 0, finished: Vec::new() })
+    }
+
+    /// Number of the recording in its folder, from 1; tells recordings apart when the machine has
+    /// no clock.
+    pub fn session(&self) -> u32 {
+        self.session
+    }
+
+    /// Number of the segment opened last, from 1.
+    pub fn number(&self) -> u32 {
+        self.number
+    }
+
+    /// The files that were finished.
+    pub fn finished(&self) -> &[PathBuf] {
+        &self.finished
+    }
+
+    /// Creates the next segment with its head, and makes it durable.
+    pub fn open(&mut self, time: Timestamp, head: &Head) -> Result<Segment, SegmentError> {
+        self.number += 1;
+        let path = self.path(time);
+        let part = part_of(&path);
+        for existing in [&path, &part] {
+            if existing.symlink_metadata().is_ok() {
+                return Err(SegmentError(format!(
+                    "cannot create {}: {} exists and is not overwritten; choose another name",
+                    path.display(),
+                    existing.display(),
+                )));
+            }
+        }
+        let out = self.disk.create(&part).map_err(|e| create_error(&part, &e))?;
+        let written = SegmentWriter::create(out, self.options, head)
+            .and_then(|mut writer| writer.sync().map(|()| writer))
+            .and_then(|writer| self.disk.sync_folder(folder_of(&part)).map(|()| writer));
+        match written {
+            Ok(writer) => Ok(Segment { writer, path, started: time }),
+            Err(error) => {
+                // Nothing is in it yet, so nothing is lost with it.
+                self.disk.remove(&part).ok();
+                Err(create_error(&part, &error))
+            }
+        }
+    }
+
+    /// True when `segment` should be followed by the next one.
+    pub fn is_full(&self, segment: &Segment, now: Timestamp) -> bool {
+        let too_long = self.split.time.is_some_and(|limit| {
+            u128::from(now.since(segment.started)) >= limit.as_nanos()
+        });
+        let too_big = self.split.size.is_some_and(|limit| segment.writer.expected_size() >= limit);
+        too_long || too_big
+    }
+
+    /// Writes the end of a segment and gives it its name.
+    pub fn finish(&mut self, mut segment: Segment, summary: Facts) -> Result<(), SegmentError> {
+        let part = segment.part();
+        segment
+            .writer
+            .finish(summary)
+            .and_then(|()| segment.writer.sync())
+            .map_err(|e| write_error(&part, &e))?;
+        self.disk.rename(&part, &segment.path).map_err(|e| {
+            SegmentError(format!(
+                "cannot rename {} to {}: {e}; the recording is complete under the first name",
+                part.display(),
+                segment.path.display(),
+            ))
+        })?;
+        self.finished.push(segment.path);
+        Ok(())
+    }
+
+    /// Removes a segment into which nothing was recorded.
+    pub fn discard(&mut self, segment: Segment) {
+        self.disk.remove(&segment.part()).ok();
+    }
+
+    fn path(&self, time: Timestamp) -> PathBuf {
+        let number = self.number;
+        match &self.target {
+            Target::File(path) if !self.split.is_set() && number == 1 => path.clone(),
+            Target::File(path) => {
+                let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+                path.with_file_name(format!("{stem}_{number:04}.mcap"))
+            }
+            Target::Folder(folder, prefix) => {
+                let (session, time) = (self.session, compact_utc(time));
+                folder.join(format!("{prefix}_s{session:04}_{number:04}_{time}.mcap"))
+            }
+        }
+    }
+}
+
+/// One more than the highest session number in a folder.
+fn next_session(folder: &Path, prefix: &str) -> io::Result<u32> {
+    let mut last = 0;
+    for entry in std::fs::read_dir(folder)? {
+        let name = entry?.file_name();
+        let number = name
+            .to_str()
+            .and_then(|name| name.strip_prefix(prefix)?.strip_prefix("_s")?.split('_').next())
+            .and_then(|digits| digits.parse::<u32>().ok());
+        last = last.max(number.unwrap_or(0));
+    }
+    Ok(last.saturating_add(1))
+}
+
+fn part_of(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".part");
+    name.into()
+}
+
+fn folder_error(folder: &Path, error: &io::Error) -> SegmentError {
+    let next = match error.kind() {
+        io::ErrorKind::NotFound => format!("create it with \"mkdir -p {}\"", folder.display()),
+        io::ErrorKind::PermissionDenied => "give this user the right to read it".to_owned(),
+        _ => "choose another folder".to_owned(),
+    };
+    SegmentError(format!("cannot record into {}: {error}; {next}", folder.display()))
+}
+
+fn create_error(path: &Path, error: &io::Error) -> SegmentError {
+    let next = match error.kind() {
+        io::ErrorKind::PermissionDenied => "give this user the right to write in its folder",
+        io::ErrorKind::StorageFull => "make room or choose another disk",
+        io::ErrorKind::ReadOnlyFilesystem => "choose a folder on a writable file system",
+        _ => "choose another place with -o or -d",
+    };
+    SegmentError(format!("cannot create {}: {error}; {next}", path.display()))
+}
+
+/// The sentence for a failed write or sync.
+pub fn write_error(path: &Path, error: &io::Error) -> SegmentError {
+    SegmentError(format!(
+        "cannot write {}: {error}; what it holds up to here can be read, and made into a finished \
+         file with \"bustape convert\"",
+        path.display()
+    ))
+}

@@ -1,0 +1,420 @@
+//! An MCAP file being written: header, metadata, attachments, chunks, summary.
+//!
+//! Why not `mcap::Writer`: it compresses each record as a stream of small pieces, which costs three
+//! times the CPU, and it does not tell when which message has reached the file. The records
+//! themselves are the crate's. What a reader finds after a kill:
+//!
+//! * during [`Container::create`]: nothing, or a head without messages;
+//! * at any later moment: everything up to the last chunk that was written in full. A chunk goes
+//!   out in one `write` together with its index, so at most that one piece is cut.
+//!
+//! After the first error nothing more is written: what the disk did with a failed write is not
+//! known, and a chunk after a torn one could not be found again.
+//!
+//! Source: MCAP format specification, version 0.
+
+use std::collections::BTreeMap;
+use std::io::{self, Cursor};
+
+use binrw::BinWrite;
+use mcap::records::{self, op};
+
+use super::chunk::{Chunk, INDEX_ENTRY};
+use super::disk::OutputFile;
+
+/// A name and a text for each thing known.
+pub type Facts = BTreeMap<String, String>;
+
+/// Something attached to a recording as it is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Attachment {
+    /// File name without folders.
+    pub name: String,
+    /// Media type such as `text/x-dbc`.
+    pub media_type: String,
+    /// The bytes.
+    pub data: Vec<u8>,
+}
+
+/// A channel to be defined.
+#[derive(Clone, Debug, Default)]
+pub struct ChannelDefinition<'a> {
+    /// Topic.
+    pub topic: String,
+    /// Encoding of its messages, such as `protobuf`.
+    pub encoding: String,
+    /// What its messages look like.
+    pub schema: Option<SchemaDefinition<'a>>,
+    /// Whatever is worth noting.
+    pub metadata: Facts,
+}
+
+impl ChannelDefinition<'_> {
+    /// Name of its schema, empty without one.
+    pub fn schema_name(&self) -> &str {
+        self.schema.map_or("", |schema| schema.name)
+    }
+}
+
+/// What the messages of a channel look like.
+#[derive(Clone, Copy, Debug)]
+pub struct SchemaDefinition<'a> {
+    /// Type name.
+    pub name: &'a str,
+    /// Encoding of the data, such as `protobuf`.
+    pub encoding: &'a str,
+    /// The definition.
+    pub data: &'a [u8],
+}
+
+/// The file.
+pub struct Container {
+    out: Box<dyn OutputFile>,
+    position: u64,
+    crc: crc32fast::Hasher,
+    failed: bool,
+    zstd: zstd::bulk::Compressor<'static>,
+    compressed: Vec<u8>,
+    block: Vec<u8>,
+    /// Ids by name, checksum and length of the definition.
+    schemas: BTreeMap<(String, u32, usize), u16>,
+    groups: Groups,
+    statistics: records::Statistics,
+}
+
+/// The records of the summary section, serialized as they become known.
+#[derive(Default)]
+struct Groups {
+    schemas: Vec<u8>,
+    channels: Vec<u8>,
+    chunks: Vec<u8>,
+    attachments: Vec<u8>,
+    metadata: Vec<u8>,
+}
+
+impl Container {
+    /// Writes the head of a new file. `level` is zstd's.
+    pub fn create(out: Box<dyn OutputFile>, level: i32) -> io::Result<Self> {
+        let mut container = Self {
+            out,
+            position: 0,
+            crc: crc32fast::Hasher::new(),
+            failed: false,
+            zstd: zstd::bulk::Compressor::new(level)?,
+            compressed: Vec::new(),
+            block: Vec::new(),
+            schemas: BTreeMap::new(),
+            groups: Groups::default(),
+            statistics: empty_statistics(),
+        };
+        let library = format!("bustape/{}", env!("CARGO_PKG_VERSION"));
+        let header = records::Header { profile: String::new(), library };
+        let mut head = mcap::MAGIC.to_vec();
+        put(&mut head, op::HEADER, &header)?;
+        container.append(&head)?;
+        Ok(container)
+    }
+
+    /// Writes a metadata record.
+    pub fn metadata(&mut self, name: &str, facts: Facts) -> io::Result<()> {
+        let record = records::Metadata { name: name.to_owned(), metadata: facts };
+        let bytes = record_bytes(op::METADATA, &record)?;
+        let index = records::MetadataIndex {
+            offset: self.position,
+            length: bytes.len() as u64,
+            name: record.name,
+        };
+        self.append(&bytes)?;
+        self.statistics.metadata_count += 1;
+        put(&mut self.groups.metadata, op::METADATA_INDEX, &index)
+    }
+
+    /// Writes an attachment; `time` is nanoseconds since 1970.
+    pub fn attachment(&mut self, time: u64, attachment: &Attachment) -> io::Result<()> {
+        let header = records::AttachmentHeader {
+            log_time: time,
+            create_time: time,
+            name: attachment.name.clone(),
+            media_type: attachment.media_type.clone(),
+        };
+        let mut body = body(&header)?;
+        let data_size = attachment.data.len() as u64;
+        body.extend_from_slice(&data_size.to_le_bytes());
+        body.extend_from_slice(&attachment.data);
+        let crc = crc32fast::hash(&body);
+        body.extend_from_slice(&crc.to_le_bytes());
+        let mut bytes = Vec::new();
+        put_bytes(&mut bytes, op::ATTACHMENT, &body);
+        let index = records::AttachmentIndex {
+            offset: self.position,
+            length: bytes.len() as u64,
+            log_time: time,
+            create_time: time,
+            data_size,
+            name: header.name,
+            media_type: header.media_type,
+        };
+        self.append(&bytes)?;
+        self.statistics.attachment_count += 1;
+        put(&mut self.groups.attachments, op::ATTACHMENT_INDEX, &index)
+    }
+
+    /// Defines a channel, and its schema when it is new, in the open chunk. At most 65,535.
+    pub fn channel(
+        &mut self,
+        chunk: &mut Chunk,
+        definition: ChannelDefinition<'_>,
+    ) -> io::Result<u16> {
+        let schema_id = match &definition.schema {
+            Some(schema) => self.schema(chunk, schema)?,
+            None => 0,
+        };
+        let id = u16::try_from(self.statistics.channel_count)
+            .map_err(|_| io::Error::other("an MCAP file cannot have more than 65,535 channels"))?;
+        let channel = records::Channel {
+            id,
+            schema_id,
+            topic: definition.topic,
+            message_encoding: definition.encoding,
+            metadata: definition.metadata,
+        };
+        let bytes = record_bytes(op::CHANNEL, &channel)?;
+        chunk.define(&bytes);
+        self.groups.channels.extend_from_slice(&bytes);
+        self.statistics.channel_count += 1;
+        Ok(id)
+    }
+
+    fn schema(&mut self, chunk: &mut Chunk, schema: &SchemaDefinition<'_>) -> io::Result<u16> {
+        let crc = crc32fast::hash(schema.data);
+        let key = (schema.name.to_owned(), crc, schema.data.len());
+        if let Some(&id) = self.schemas.get(&key) {
+            return Ok(id);
+        }
+        let id = u16::try_from(self.schemas.len() + 1)
+            .map_err(|_| io::Error::other("an MCAP file cannot have more than 65,535 schemas"))?;
+        let (name, encoding) = (schema.name.to_owned(), schema.encoding.to_owned());
+        let mut body = body(&records::SchemaHeader { id, name, encoding })?;
+        let length = u32::try_from(schema.data.len()).map_err(io::Error::other)?;
+        body.extend_from_slice(&length.to_le_bytes());
+        body.extend_from_slice(schema.data);
+        let mut bytes = Vec::new();
+        put_bytes(&mut bytes, op::SCHEMA, &body);
+        chunk.define(&bytes);
+        self.groups.schemas.extend_from_slice(&bytes);
+        self.schemas.insert(key, id);
+        self.statistics.schema_count += 1;
+        Ok(id)
+    }
+
+    /// Compresses a chunk and writes it with its index in one piece. An empty chunk is kept: the
+    /// definitions in it wait for the first message.
+    pub fn write_chunk(&mut self, chunk: &mut Chunk) -> io::Result<()> {
+        if chunk.is_empty() {
+            return Ok(());
+        }
+        let mut block = std::mem::take(&mut self.block);
+        block.clear();
+        let (start, end) = chunk.span();
+        let compression = self.compress(chunk.records())?;
+        let header = records::ChunkHeader {
+            message_start_time: start,
+            message_end_time: end,
+            uncompressed_size: chunk.len() as u64,
+            uncompressed_crc: crc32fast::hash(chunk.records()),
+            compression: compression.to_owned(),
+            compressed_size: self.compressed.len() as u64,
+        };
+        let head = body(&header)?;
+        block.push(op::CHUNK);
+        block.extend_from_slice(&((head.len() + self.compressed.len()) as u64).to_le_bytes());
+        block.extend_from_slice(&head);
+        block.extend_from_slice(&self.compressed);
+        let chunk_length = block.len() as u64;
+        let message_index_offsets = self.put_message_indexes(chunk, &mut block);
+        let index = records::ChunkIndex {
+            message_start_time: start,
+            message_end_time: end,
+            chunk_start_offset: self.position,
+            chunk_length,
+            message_index_offsets,
+            message_index_length: block.len() as u64 - chunk_length,
+            compression: header.compression,
+            compressed_size: header.compressed_size,
+            uncompressed_size: header.uncompressed_size,
+        };
+        self.append(&block)?;
+        self.block = block;
+        put(&mut self.groups.chunks, op::CHUNK_INDEX, &index)?;
+        self.count(chunk);
+        chunk.clear();
+        Ok(())
+    }
+
+    fn compress(&mut self, records: &[u8]) -> io::Result<&'static str> {
+        self.compressed.clear();
+        self.compressed.reserve(zstd::zstd_safe::compress_bound(records.len()));
+        self.zstd.compress_to_buffer(records, &mut self.compressed)?;
+        Ok("zstd")
+    }
+
+    /// Appends the index of each channel and returns where in the file each will stand.
+    fn put_message_indexes(&self, chunk: &Chunk, block: &mut Vec<u8>) -> BTreeMap<u16, u64> {
+        let mut offsets = BTreeMap::new();
+        for (channel, entries) in chunk.index() {
+            offsets.insert(channel, self.position + block.len() as u64);
+            block.push(op::MESSAGE_INDEX);
+            block.extend_from_slice(&((2 + 4 + entries.len()) as u64).to_le_bytes());
+            block.extend_from_slice(&channel.to_le_bytes());
+            #[allow(clippy::cast_possible_truncation, reason = "a chunk is far below 4 GiB")]
+            block.extend_from_slice(&(entries.len() as u32).to_le_bytes());
+            block.extend_from_slice(entries);
+        }
+        offsets
+    }
+
+    fn count(&mut self, chunk: &Chunk) {
+        let (start, end) = chunk.span();
+        let statistics = &mut self.statistics;
+        let first = statistics.message_count == 0;
+        statistics.message_start_time =
+            if first { start } else { statistics.message_start_time.min(start) };
+        statistics.message_end_time = statistics.message_end_time.max(end);
+        statistics.message_count += chunk.messages();
+        statistics.chunk_count += 1;
+        for (channel, entries) in chunk.index() {
+            *statistics.channel_message_counts.entry(channel).or_default() +=
+                (entries.len() / INDEX_ENTRY) as u64;
+        }
+    }
+
+    /// Writes the summary and the end of the file.
+    pub fn finish(&mut self) -> io::Result<()> {
+        let mut data_end = Vec::new();
+        let end = records::DataEnd { data_section_crc: self.crc.clone().finalize() };
+        put(&mut data_end, op::DATA_END, &end)?;
+        self.append(&data_end)?;
+        let summary = self.summary()?;
+        self.append(&summary)
+    }
+
+    fn summary(&self) -> io::Result<Vec<u8>> {
+        let statistics = record_bytes(op::STATISTICS, &self.statistics)?;
+        let groups = [
+            (op::SCHEMA, &self.groups.schemas),
+            (op::CHANNEL, &self.groups.channels),
+            (op::STATISTICS, &statistics),
+            (op::CHUNK_INDEX, &self.groups.chunks),
+            (op::ATTACHMENT_INDEX, &self.groups.attachments),
+            (op::METADATA_INDEX, &self.groups.metadata),
+        ];
+        let mut bytes = Vec::with_capacity(groups.iter().map(|(_, g)| g.len()).sum::<usize>() + 512);
+        let mut offsets = Vec::new();
+        for (group_opcode, group) in groups.into_iter().filter(|(_, group)| !group.is_empty()) {
+            let offset = records::SummaryOffset {
+                group_opcode,
+                group_start: self.position + bytes.len() as u64,
+                group_length: group.len() as u64,
+            };
+            put(&mut offsets, op::SUMMARY_OFFSET, &offset)?;
+            bytes.extend_from_slice(group);
+        }
+        let summary_offset_start = self.position + bytes.len() as u64;
+        bytes.extend_from_slice(&offsets);
+        let footer = records::Footer {
+            summary_start: self.position,
+            summary_offset_start,
+            summary_crc: 0,
+        };
+        put(&mut bytes, op::FOOTER, &footer)?;
+        // The checksum covers everything up to itself and stands in the footer's last four bytes.
+        let at = bytes.len() - 4;
+        let crc = crc32fast::hash(&bytes[..at]);
+        bytes[at..].copy_from_slice(&crc.to_le_bytes());
+        bytes.extend_from_slice(mcap::MAGIC);
+        Ok(bytes)
+    }
+
+    /// Returns when everything written so far would survive a power cut.
+    pub fn sync(&mut self) -> io::Result<()> {
+        self.check()?;
+        let result = self.out.sync();
+        self.failed |= result.is_err();
+        result
+    }
+
+    /// Bytes in the file so far.
+    pub fn position(&self) -> u64 {
+        self.position
+    }
+
+    /// True after an error: the file stays as it is.
+    pub fn failed(&self) -> bool {
+        self.failed
+    }
+
+    fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
+        self.check()?;
+        let result = self.out.write_all(bytes);
+        if result.is_err() {
+            self.failed = true;
+            return result;
+        }
+        self.crc.update(bytes);
+        self.position += bytes.len() as u64;
+        Ok(())
+    }
+
+    fn check(&self) -> io::Result<()> {
+        if self.failed {
+            return Err(io::Error::other("an earlier write to this file failed"));
+        }
+        Ok(())
+    }
+}
+
+fn empty_statistics() -> records::Statistics {
+    records::Statistics {
+        message_count: 0,
+        schema_count: 0,
+        channel_count: 0,
+        attachment_count: 0,
+        metadata_count: 0,
+        chunk_count: 0,
+        message_start_time: 0,
+        message_end_time: 0,
+        channel_message_counts: BTreeMap::new(),
+    }
+}
+
+fn body<T>(record: &T) -> io::Result<Vec<u8>>
+where
+    for<'a> T: BinWrite<Args<'a> = ()>,
+{
+    let mut body = Cursor::new(Vec::new());
+    record.write_le(&mut body).map_err(io::Error::other)?;
+    Ok(body.into_inner())
+}
+
+fn record_bytes<T>(opcode: u8, record: &T) -> io::Result<Vec<u8>>
+where
+    for<'a> T: BinWrite<Args<'a> = ()>,
+{
+    let mut bytes = Vec::new();
+    put_bytes(&mut bytes, opcode, &body(record)?);
+    Ok(bytes)
+}
+
+fn put<T>(out: &mut Vec<u8>, opcode: u8, record: &T) -> io::Result<()>
+where
+    for<'a> T: BinWrite<Args<'a> = ()>,
+{
+    out.extend_from_slice(&record_bytes(opcode, record)?);
+    Ok(())
+}
+
+fn put_bytes(out: &mut Vec<u8>, opcode: u8, body: &[u8]) {
+    out.push(opcode);
+    out.extend_from_slice(&(body.len() as u64).to_le_bytes());
+    out.extend_from_slice(body);
+}

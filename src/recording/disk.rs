@@ -1,0 +1,80 @@
+//! The disk, as the recorder sees it: passed in, so that a test can make the seventh write fail.
+
+use std::fs::{File, OpenOptions};
+use std::io::{self, Write};
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::Path;
+
+/// Where files are made.
+pub trait Disk: Send {
+    /// Creates a file that must not exist yet, readable by its owner and group only.
+    fn create(&self, path: &Path) -> io::Result<Box<dyn OutputFile>>;
+
+    /// Gives a file its final name and makes that durable. An existing file stays as it is.
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()>;
+
+    /// Removes a file.
+    fn remove(&self, path: &Path) -> io::Result<()>;
+
+    /// Makes the names in a folder durable.
+    fn sync_folder(&self, folder: &Path) -> io::Result<()>;
+
+    /// Bytes that may still be written in a folder.
+    fn free(&self, folder: &Path) -> io::Result<u64>;
+}
+
+/// A file being written.
+pub trait OutputFile: Write + Send {
+    /// Returns when everything written so far would survive a power cut.
+    fn sync(&mut self) -> io::Result<()>;
+}
+
+/// The machine's own disk.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct RealDisk;
+
+impl Disk for RealDisk {
+    fn create(&self, path: &Path) -> io::Result<Box<dyn OutputFile>> {
+        let file = OpenOptions::new().write(true).create_new(true).mode(0o640).open(path)?;
+        Ok(Box::new(file))
+    }
+
+    fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+        // A hard link refuses to replace an existing file in one step, where rename would not.
+        match std::fs::hard_link(from, to) {
+            Ok(()) => std::fs::remove_file(from)?,
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => return Err(error),
+            // vfat and some network file systems have no hard links.
+            Err(_) if to.try_exists()? => return Err(io::ErrorKind::AlreadyExists.into()),
+            Err(_) => std::fs::rename(from, to)?,
+        }
+        self.sync_folder(folder_of(to))
+    }
+
+    fn remove(&self, path: &Path) -> io::Result<()> {
+        std::fs::remove_file(path)
+    }
+
+    fn sync_folder(&self, folder: &Path) -> io::Result<()> {
+        File::open(folder)?.sync_all()
+    }
+
+    fn free(&self, folder: &Path) -> io::Result<u64> {
+        let stat = nix::sys::statvfs::statvfs(folder)?;
+        Ok(stat.blocks_available().saturating_mul(stat.fragment_size()))
+    }
+}
+
+impl OutputFile for File {
+    fn sync(&mut self) -> io::Result<()> {
+        self.sync_data()
+    }
+}
+
+/// The folder a file stands in; `.` for a bare name.
+pub fn folder_of(path: &Path) -> &Path {
+    match path.parent() {
+        Some(folder) if !folder.as_os_str().is_empty() => folder,
+        _ => Path::new("."),
+    }
+}

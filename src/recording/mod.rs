@@ -1,0 +1,14 @@
+//! The recording: what stands in an MCAP file, and how it gets there and back.
+
+pub mod can_batch;
+pub mod can_frame;
+pub mod chunk;
+pub mod container;
+pub mod disk;
+pub mod message;
+pub mod reader;
+pub mod records;
+pub mod schema;
+pub mod segment;
+pub mod wire;
+pub mod writer;

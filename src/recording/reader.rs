@@ -1,0 +1,275 @@
+//! A recording, opened for reading: one or many segment files as one row of frames in time order.
+
+use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
+
+use mcap::records::op;
+
+use super::records::{ChunkRef, Message, Record, channel_bit, records};
+use super::segment::{Ending, ReadError, Segment};
+use super::{can_batch, can_frame, message};
+use crate::frame::{Frame, Stamped, Timestamp};
+
+/// A recording.
+pub struct Recording {
+    /// Its segments, by time.
+    pub segments: Vec<Segment>,
+    /// Its buses, in the order of first mention.
+    pub buses: Vec<String>,
+}
+
+/// Something read from a recording.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Entry {
+    /// Something that happened on a bus: its index in [`Recording::buses`], and the frame.
+    Frame(usize, Frame),
+    /// A message of any other channel.
+    Message {
+        /// Index of the segment.
+        segment: usize,
+        /// Id of the channel in that segment.
+        channel: u16,
+        /// The payload.
+        data: Vec<u8>,
+    },
+}
+
+impl Recording {
+    /// Opens files; a folder stands for all recordings in it.
+    pub fn open(paths: &[PathBuf]) -> Result<Self, ReadError> {
+        let mut segments = Vec::new();
+        for path in paths {
+            for file in files_of(path)? {
+                segments.push(Segment::open(&file)?);
+            }
+        }
+        segments.sort_by_key(|segment| segment.statistics.span.0);
+        let mut buses: Vec<String> = Vec::new();
+        for name in segments.iter().flat_map(bus_names) {
+            if !buses.contains(&name) {
+                buses.push(name);
+            }
+        }
+        Ok(Self { segments, buses })
+    }
+
+    /// All of time.
+    pub const ALL: RangeInclusive<Timestamp> = Timestamp(0)..=Timestamp(u64::MAX);
+
+    /// Log times of the first and last message.
+    pub fn span(&self) -> Option<(Timestamp, Timestamp)> {
+        let spans = || self.segments.iter().map(|s| s.statistics.span).filter(|s| s.0 != 0);
+        let (start, end) = (spans().map(|s| s.0).min()?, spans().map(|s| s.1).max()?);
+        Some((Timestamp(start), Timestamp(end)))
+    }
+
+    /// Everything on the wanted topics within a range of time, in time order. Chunks that hold
+    /// nothing wanted are not read.
+    pub fn entries(
+        &self,
+        range: RangeInclusive<Timestamp>,
+        wanted: impl Fn(&str) -> bool,
+    ) -> Entries<'_> {
+        let (from, to) = (range.start().nanos(), range.end().nanos());
+        let mut chunks = Vec::new();
+        let mut kinds = Vec::new();
+        for (index, segment) in self.segments.iter().enumerate() {
+            let of_segment = self.kinds(segment, &wanted);
+            let ids = (0u16..).zip(&of_segment).filter(|(_, kind)| !matches!(kind, Kind::Unwanted));
+            let mask = ids.fold(0, |mask, (id, _)| mask | channel_bit(id));
+            let batch = segment.fact("bustape.recording", "batch_max_ns");
+            let widen = batch.and_then(|text| text.parse().ok()).unwrap_or(0);
+            let matches = |chunk: &&ChunkRef| {
+                // A file that was cut off before the index of its last chunk does not tell.
+                let holds = chunk.channels == 0 || chunk.channels & mask != 0;
+                holds && chunk.start <= to && chunk.end.saturating_add(widen) >= from
+            };
+            chunks.extend(segment.chunks.iter().filter(matches).map(|chunk| (index, *chunk)));
+            kinds.push(of_segment);
+        }
+        chunks.sort_by_key(|(_, chunk)| chunk.start);
+        chunks.reverse();
+        let (ready, records) = (Vec::new(), Vec::new());
+        Entries { recording: self, range, chunks, kinds, ready, records, damage: Vec::new() }
+    }
+
+    /// What each channel of a segment carries, by channel id.
+    fn kinds(&self, segment: &Segment, wanted: impl Fn(&str) -> bool) -> Vec<Kind> {
+        let mut kinds = Vec::new();
+        for channel in segment.channels.values().filter(|channel| wanted(&channel.topic)) {
+            let schema = segment.schemas.get(&channel.schema).map(|s| s.name.as_str());
+            let bus = channel.metadata.get("bus");
+            let bus = bus.and_then(|name| self.buses.iter().position(|b| b == name));
+            let kind = match (bus, schema) {
+                (Some(bus), Some("bustape.CanFrame")) => Kind::CanFrame(bus),
+                (Some(bus), Some("bustape.CanBatch")) => Kind::CanBatch(bus),
+                (Some(bus), Some("bustape.SerialBytes")) => Kind::Serial(bus),
+                (Some(bus), Some("bustape.Gap")) => Kind::Gap(bus),
+                _ => Kind::Other,
+            };
+            let id = usize::from(channel.id);
+            if kinds.len() <= id {
+                kinds.resize(id + 1, Kind::Unwanted);
+            }
+            kinds[id] = kind;
+        }
+        kinds
+    }
+
+    /// The segments that were not finished.
+    pub fn unfinished(&self) -> impl Iterator<Item = &Segment> {
+        self.segments.iter().filter(|segment| segment.ending != Ending::Finished)
+    }
+}
+
+/// What a channel carries, and for which bus.
+#[derive(Clone, Copy)]
+enum Kind {
+    CanFrame(usize),
+    CanBatch(usize),
+    Serial(usize),
+    Gap(usize),
+    Other,
+    Unwanted,
+}
+
+/// Entries in time order; see [`Recording::entries`].
+pub struct Entries<'a> {
+    recording: &'a Recording,
+    range: RangeInclusive<Timestamp>,
+    /// Chunks not read yet, the earliest last.
+    chunks: Vec<(usize, ChunkRef)>,
+    kinds: Vec<Vec<Kind>>,
+    /// What was read, the earliest last.
+    ready: Vec<Stamped<Entry>>,
+    records: Vec<u8>,
+    damage: Vec<String>,
+}
+
+impl Entries<'_> {
+    /// What could not be read so far, a sentence each.
+    pub fn damage(&self) -> &[String] {
+        &self.damage
+    }
+
+    /// Bytes of chunks still to be read, for a progress display.
+    pub fn bytes_left(&self) -> u64 {
+        self.chunks.iter().map(|(_, chunk)| chunk.length).sum()
+    }
+
+    /// Chunks overlap a little where several buses are recorded, so the next entry is only known
+    /// once every chunk that begins before it has been read.
+    fn load(&mut self) {
+        while let Some(&(segment, chunk)) = self.chunks.last() {
+            if self.ready.last().is_some_and(|next| next.time.nanos() < chunk.start) {
+                return;
+            }
+            self.chunks.pop();
+            let mut records_of_chunk = std::mem::take(&mut self.records);
+            match self.recording.segments[segment].read_chunk(chunk, &mut records_of_chunk) {
+                Ok(()) => self.take_chunk(segment, &records_of_chunk),
+                Err(error) => self.damage.push(error.to_string()),
+            }
+            self.records = records_of_chunk;
+        }
+    }
+
+    fn take_chunk(&mut self, segment: usize, bytes: &[u8]) {
+        // Kept in reverse, so that taking the next is a pop; the sort is stable, so reverse again.
+        self.ready.reverse();
+        let mut consumed = 0;
+        for Record { opcode, body } in records(bytes) {
+            consumed += super::records::HEAD + body.len();
+            if opcode == op::MESSAGE && !self.take_message(segment, body) {
+                let path = self.recording.segments[segment].path.display();
+                self.damage.push(format!("{path}: a message could not be understood"));
+            }
+        }
+        if consumed != bytes.len() {
+            let path = self.recording.segments[segment].path.display();
+            self.damage.push(format!("{path}: a chunk ends in the middle of a record"));
+        }
+        self.ready.sort_by_key(|entry| entry.time);
+        self.ready.reverse();
+    }
+
+    fn take_message(&mut self, segment: usize, body: &[u8]) -> bool {
+        let Some(Message { channel, log_time, data }) = Message::of(body) else { return false };
+        let time = Timestamp(log_time);
+        let kind = self.kinds[segment].get(usize::from(channel)).copied();
+        let entry = match kind.unwrap_or(Kind::Unwanted) {
+            Kind::Unwanted => return true,
+            Kind::CanBatch(bus) => return self.take_batch(bus, time, data),
+            Kind::CanFrame(bus) => can_frame::decode(data).map(|f| (bus, Frame::Can(f))),
+            Kind::Serial(bus) => message::decode_serial(data).map(|b| (bus, Frame::Serial(b))),
+            Kind::Gap(bus) => message::decode_gap(data).map(|g| (bus, Frame::Gap(g))),
+            Kind::Other => {
+                let value = Entry::Message { segment, channel, data: data.to_vec() };
+                self.take_entry(time, value);
+                return true;
+            }
+        };
+        let Some((bus, frame)) = entry else { return false };
+        self.take_entry(time, Entry::Frame(bus, frame));
+        true
+    }
+
+    fn take_batch(&mut self, bus: usize, time: Timestamp, data: &[u8]) -> bool {
+        let Some(frames) = can_batch::decode(time, data) else { return false };
+        for Stamped { time, value } in frames {
+            self.take_entry(time, Entry::Frame(bus, Frame::Can(value)));
+        }
+        true
+    }
+
+    fn take_entry(&mut self, time: Timestamp, value: Entry) {
+        if self.range.contains(&time) {
+            self.ready.push(Stamped { time, value });
+        }
+    }
+}
+
+impl Iterator for Entries<'_> {
+    type Item = Stamped<Entry>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.load();
+        self.ready.pop()
+    }
+}
+
+/// The bus names a segment mentions: in its metadata, in order, then in its channels.
+fn bus_names(segment: &Segment) -> Vec<String> {
+    let ours = segment.metadata.keys().filter_map(|name| name.strip_prefix("bustape.bus."));
+    let mut names: Vec<String> = ours.map(str::to_owned).collect();
+    let channels = segment.channels.values().filter_map(|c| c.metadata.get("bus"));
+    for name in channels {
+        if !names.contains(name) {
+            names.push(name.clone());
+        }
+    }
+    names
+}
+
+fn files_of(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
+    if !path.is_dir() {
+        return Ok(vec![path.to_owned()]);
+    }
+    let failed = |error| ReadError(format!("cannot read folder {}: {error}", path.display()));
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(path).map_err(failed)? {
+        let file = entry.map_err(failed)?.path();
+        let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
+        if name.ends_with(".mcap") || name.ends_with(".mcap.part") {
+            files.push(file);
+        }
+    }
+    if files.is_empty() {
+        return Err(ReadError(format!(
+            "there is no recording in {}: it has no file that ends in .mcap",
+            path.display()
+        )));
+    }
+    files.sort();
+    Ok(files)
+}

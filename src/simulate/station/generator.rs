@@ -5,7 +5,7 @@ use crate::simulate::STEP_SECONDS;
 use crate::simulate::random::Random;
 
 /// Starts below this state of charge, stops above that.
-const CHARGE: (f64, f64) = (0.43, 0.76);
+const CHARGE: (f64, f64) = (0.49, 0.78);
 /// Chance that an attempt succeeds: it is an old machine.
 const START_CHANCE: f64 = 0.75;
 

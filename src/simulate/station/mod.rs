@@ -134,7 +134,7 @@ impl Station {
         let weather = Weather::new(seed, hour);
         let ambient = weather.temperature();
         let battery = Battery::new(12, 340.0, random.between(0.55, 0.74), ambient + 5.0);
-        let mains = Mains::new(seed, 30.0 * 3600.0, (1500.0, 6.0 * 3600.0));
+        let mains = Mains::new(seed, 16.0 * 3600.0, (1500.0, 10.0 * 3600.0));
         let room = ambient + 5.0;
         Self {
             seconds: 0,

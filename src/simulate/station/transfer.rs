@@ -7,7 +7,7 @@ use super::Event;
 use crate::simulate::STEP_SECONDS;
 
 /// The battery is low below this state of charge, and well again above that.
-const LOW: (f64, f64) = (0.48, 0.74);
+const LOW: (f64, f64) = (0.52, 0.76);
 /// Below this nothing may draw from the battery any more, until it is charged to that.
 const EMPTY: (f64, f64) = (0.15, 0.22);
 /// Moving the contacts to mains or generator takes this long, s.

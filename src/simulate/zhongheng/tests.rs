@@ -264,7 +264,7 @@ fn a_damaged_request_gets_no_answer() {
     let mut bytes = good.encode(Escaping::Minimal);
     let last = bytes.len() - 1;
     bytes[last] ^= 0x40;
-    assert_eq!(slave.feed(&bytes, 0), []);
+    assert!(slave.feed(&bytes, 0).is_empty());
     assert_eq!(deframe(&slave.feed(&good.encode(Escaping::Minimal), 0)).len(), 1);
 }
 
@@ -304,7 +304,7 @@ fn check_ranges(plant: &Plant, context: &str) {
         ("rectifiers A", plant.rectifier_current(), 0.0, 195.0),
         ("rectifier A", rectifier.current(), 0.0, 51.5),
         ("rectifier °C", rectifier.temperature(), 20.0, 70.0),
-        ("cell V", plant.cell_voltage(3), 1.8, 2.3),
+        ("cell V", plant.cell_voltage(3), 1.8, 2.42),
         ("load %", plant.power_percent(), 0.0, 100.0),
         ("average W", plant.average_power(), 0.0, 9900.0),
         ("room °C", plant.ambient(), 15.0, 35.0),

@@ -8,7 +8,7 @@
 //! |---|---|
 //! | [`frame`] | framing, escaping, CRC (section 3) |
 //! | [`layout`], [`settings_table`], [`readings_table`] | the 32 commands, field by field (section 8) |
-//! | [`plant`], [`alarm`] | the simulated 48 V plant and its alarms |
+//! | [`plant`], [`rectifier`], [`alarm`] | the simulated 48 V plant and its alarms |
 //! | [`slave`] | answers |
 //! | [`master`] | asks |
 
@@ -18,8 +18,10 @@ pub mod layout;
 pub mod master;
 pub mod plant;
 pub mod readings_table;
+pub mod rectifier;
 pub mod settings_table;
 pub mod slave;
+mod values;
 
 pub use master::Master;
 pub use slave::Slave;

@@ -2,6 +2,7 @@
 //! load.
 
 use super::alarm::{Alarm, Alarms};
+use super::rectifier::Rectifier;
 use crate::simulate::STEP_SECONDS;
 use crate::simulate::battery::Battery;
 use crate::simulate::mains::Mains;
@@ -12,8 +13,8 @@ pub const RECTIFIERS: usize = 6;
 /// Positions the monitor knows of (Zhongheng 09-series RS232 protocol, section 8, 0x40e2).
 pub const POSITIONS: usize = 40;
 /// Rated current of one rectifier, A.
-const RATED: f64 = 50.0;
-const CELLS: u8 = 24;
+pub(super) const RATED: f64 = 50.0;
+pub(super) const CELLS: u8 = 24;
 /// Battery capacity, Ah, and the share of it that may flow in as A.
 const CAPACITY: f64 = 400.0;
 const CURRENT_LIMIT: f64 = 0.1 * CAPACITY;
@@ -22,61 +23,12 @@ const FLOAT: f64 = 53.5;
 /// A battery discharged below this state of charge is equalized with so many volts more, until it
 /// takes less than this current, A.
 const EQUALIZE_BELOW: f64 = 0.93;
-const EQUALIZE_OFFSET: f64 = 2.9;
+pub(super) const EQUALIZE_OFFSET: f64 = 2.9;
 const EQUALIZE_UNTIL: f64 = 0.02 * CAPACITY;
 /// Rectifiers wait this long after the mains are back, s, and then take this long to full power.
 const START_DELAY: f64 = 10.0;
 const START_RAMP: f64 = 45.0;
-/// The plant's clock at the beginning: 2024-04-15T06:00:00Z.
-const BEGIN_UNIX: f64 = 1_713_160_800.0;
 const BEGIN_HOUR: f64 = 6.0;
-
-/// One rectifier.
-#[derive(Clone, Debug)]
-pub struct Rectifier {
-    serial: u32,
-    /// How much more or less than its share it gives.
-    share: Drift,
-    current: f64,
-    temperature: Lag,
-    on: bool,
-    mains: bool,
-    /// Seconds that a broken fan keeps it off.
-    broken: f64,
-    run_seconds: f64,
-}
-
-impl Rectifier {
-    /// Output current, A.
-    pub fn current(&self) -> f64 {
-        self.current
-    }
-
-    /// Heat sink temperature, °C.
-    pub fn temperature(&self) -> f64 {
-        self.temperature.value()
-    }
-
-    /// Serial number.
-    pub fn serial(&self) -> u32 {
-        self.serial
-    }
-
-    /// True while it gives current.
-    pub fn on(&self) -> bool {
-        self.on
-    }
-
-    /// Seconds in operation.
-    pub fn run_seconds(&self) -> f64 {
-        self.run_seconds
-    }
-
-    /// Fault bits (section 8, 0x40ec): 0x0001 fan, 0x0100 shut down, 0x0200 mains.
-    pub fn faults(&self) -> u16 {
-        u16::from(self.broken > 0.0) | u16::from(!self.on) << 8 | u16::from(!self.mains) << 9
-    }
-}
 
 /// A battery that has been kept at its float voltage for hours.
 fn floating_battery() -> Battery {
@@ -91,29 +43,29 @@ fn floating_battery() -> Battery {
 /// The plant.
 #[derive(Clone, Debug)]
 pub struct Plant {
-    random: Random,
-    seconds: u64,
-    remainder: f64,
-    mains: Mains,
-    battery: Battery,
-    rectifiers: Vec<Rectifier>,
-    cells: [f64; CELLS as usize],
+    pub(super) random: Random,
+    pub(super) seconds: u64,
+    pub(super) remainder: f64,
+    pub(super) mains: Mains,
+    pub(super) battery: Battery,
+    pub(super) rectifiers: Vec<Rectifier>,
+    pub(super) cells: [f64; CELLS as usize],
     /// Power of the load, W: traffic over the day, and what it does within minutes.
-    traffic: Drift,
-    flutter: Drift,
-    load_current: f64,
-    rectifier_current: f64,
-    average_power: Lag,
-    room: Lag,
-    float_voltage: f64,
+    pub(super) traffic: Drift,
+    pub(super) flutter: Drift,
+    pub(super) load_current: f64,
+    pub(super) rectifier_current: f64,
+    pub(super) average_power: Lag,
+    pub(super) room: Lag,
+    pub(super) float_voltage: f64,
     /// Seconds since the mains came back.
-    since_mains: f64,
+    pub(super) since_mains: f64,
     /// Seconds to the next visitor (or, while positive in `visit`, to his leaving).
-    visitor: f64,
-    visit: f64,
-    limiting: bool,
-    equalizing: bool,
-    alarms: Alarms,
+    pub(super) visitor: f64,
+    pub(super) visit: f64,
+    pub(super) limiting: bool,
+    pub(super) equalizing: bool,
+    pub(super) alarms: Alarms,
 }
 
 impl Plant {
@@ -261,140 +213,7 @@ impl Plant {
     }
 
     /// Local time of day, decimal hours, 0..24.
-    fn hour(&self) -> f64 {
+    pub(super) fn hour(&self) -> f64 {
         (BEGIN_HOUR + self.seconds as f64 / 3600.0).rem_euclid(24.0)
-    }
-
-    /// The plant's clock, seconds since 1970.
-    pub fn unix_time(&self) -> f64 {
-        BEGIN_UNIX + self.seconds as f64
-    }
-
-    /// Minutes left of a countdown over `period` minutes that starts again and again.
-    pub fn minutes_until(&self, period: f64) -> f64 {
-        (period - (self.unix_time() / 60.0).rem_euclid(period)).floor()
-    }
-
-    /// Voltage of mains phase 0..=2, V.
-    pub fn phase(&self, index: usize) -> f64 {
-        self.mains.voltage(index, self.hour())
-    }
-
-    /// Voltage of the bus bar, V.
-    pub fn bus_voltage(&self) -> f64 {
-        self.battery.voltage()
-    }
-
-    /// The battery.
-    pub fn battery(&self) -> &Battery {
-        &self.battery
-    }
-
-    /// Voltage of one battery cell, V.
-    pub fn cell_voltage(&self, index: usize) -> f64 {
-        let mean = self.battery.voltage() / f64::from(CELLS);
-        mean + self.cells.get(index).copied().unwrap_or_default()
-    }
-
-    /// Current into the load, A.
-    pub fn load_current(&self) -> f64 {
-        self.load_current
-    }
-
-    /// Current out of all rectifiers, A.
-    pub fn rectifier_current(&self) -> f64 {
-        self.rectifier_current
-    }
-
-    /// Power out of all rectifiers, W.
-    pub fn rectifier_power(&self) -> f64 {
-        self.rectifier_current * self.battery.voltage()
-    }
-
-    /// The same over ten minutes, W.
-    pub fn average_power(&self) -> f64 {
-        self.average_power.value()
-    }
-
-    /// Load of the rectifiers, percent of what all of them could give.
-    pub fn power_percent(&self) -> f64 {
-        self.rectifier_current / (RATED * RECTIFIERS as f64) * 100.0
-    }
-
-    /// Room temperature, °C.
-    pub fn ambient(&self) -> f64 {
-        self.room.value()
-    }
-
-    /// Float voltage as set, V.
-    pub fn float_voltage(&self) -> f64 {
-        self.float_voltage
-    }
-
-    /// Sets the float voltage, V.
-    pub fn set_float_voltage(&mut self, volts: f64) {
-        self.float_voltage = volts;
-    }
-
-    /// Voltage the rectifiers are told to hold, V: the float voltage for the battery's temperature,
-    /// and more while the battery is equalized.
-    pub fn target_voltage(&self) -> f64 {
-        self.battery.compensated(self.float_voltage) + self.equalize_offset()
-    }
-
-    /// How far the temperature of the battery moves the voltage, V.
-    pub fn temperature_offset(&self) -> f64 {
-        self.battery.compensated(0.0)
-    }
-
-    /// True while the battery is equalized.
-    pub fn equalizing(&self) -> bool {
-        self.equalizing
-    }
-
-    /// What equalizing adds to the voltage, V.
-    pub fn equalize_offset(&self) -> f64 {
-        if self.equalizing { EQUALIZE_OFFSET } else { 0.0 }
-    }
-
-    /// True while the battery may not take more current.
-    pub fn limits_battery_current(&self) -> bool {
-        self.limiting
-    }
-
-    /// How far the bus is held below its target while the battery's current is limited, V.
-    pub fn limit_offset(&self) -> f64 {
-        if self.limiting { self.battery.voltage() - self.target_voltage() } else { 0.0 }
-    }
-
-    /// The rectifier at `position`, if there is one.
-    pub fn rectifier(&self, position: usize) -> Option<&Rectifier> {
-        self.rectifiers.get(position)
-    }
-
-    /// Rectifiers that give current.
-    pub fn count_working(&self) -> usize {
-        self.rectifiers.iter().filter(|r| r.on).count()
-    }
-
-    /// Registration state of `position` (section 8, 0x40e2): 3 registered, 0 absent.
-    pub fn registration(&self, position: usize) -> f64 {
-        if position < self.rectifiers.len() { 3.0 } else { 0.0 }
-    }
-
-    /// Output voltage of the rectifier at `position`, V: a little above the bus bar's.
-    pub fn output_voltage(&self, position: usize) -> f64 {
-        self.rectifier(position)
-            .map_or(0.0, |r| if r.on { self.bus_voltage() + 0.0012 * r.current } else { 0.0 })
-    }
-
-    /// The alarms.
-    pub fn alarms(&self) -> &Alarms {
-        &self.alarms
-    }
-
-    /// The alarms, to note that they were read.
-    pub fn alarms_mut(&mut self) -> &mut Alarms {
-        &mut self.alarms
     }
 }

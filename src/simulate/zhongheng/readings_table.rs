@@ -6,7 +6,8 @@
 
 use super::layout::Value::{Is, Live, Names};
 use super::layout::{Command, array, bytes, f32, read, read_records, text, u8, u16, u32};
-use super::plant::{Plant, Rectifier};
+use super::plant::Plant;
+use super::rectifier::Rectifier;
 
 /// The commands that can only be read.
 #[rustfmt::skip]

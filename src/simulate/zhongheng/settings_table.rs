@@ -7,7 +7,7 @@
 use super::alarm;
 use super::layout::Value::{Is, Live, Names};
 use super::layout::{Command, DISABLED, ENABLED, bytes, f32, set, set_records, text, u8, u16, u32};
-use super::plant::Rectifier;
+use super::rectifier::Rectifier;
 
 const DIGITAL_INPUTS: [&str; 6] =
     ["Cabinet door", "Smoke", "Water", "Arrester", "Air conditioner", "Generator"];

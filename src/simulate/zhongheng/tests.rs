@@ -299,7 +299,7 @@ fn check_ranges(plant: &Plant, context: &str) {
         ("bus V", plant.bus_voltage(), 44.0, 57.2),
         ("load A", plant.load_current(), 45.0, 150.0),
         ("battery A", plant.battery().current(), -140.0, 40.5),
-        ("soc", plant.battery().soc(), 0.4, 1.0),
+        ("soc", plant.battery().soc(), 0.25, 1.0),
         ("battery °C", plant.battery().temperature(), 15.0, 40.0),
         ("rectifiers A", plant.rectifier_current(), 0.0, 195.0),
         ("rectifier A", rectifier.current(), 0.0, 51.5),

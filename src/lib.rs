@@ -8,5 +8,6 @@ pub mod commands;
 pub mod frame;
 pub mod record;
 pub mod recording;
+pub mod simulate;
 pub mod sys;
 pub mod text;

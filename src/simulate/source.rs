@@ -1,0 +1,146 @@
+//! The simulated devices as sources: the only part of the simulation that knows real time.
+
+use std::time::Duration;
+
+use tokio::time::{Instant, sleep_until};
+
+use super::hmi_can::{BIT_RATE, HmiCan, wire};
+use crate::capture::{BusFacts, Running, Source, Stop};
+use crate::frame::{Frame, Unit};
+use crate::record::Inlet;
+
+/// A day in a minute: what a demo shows unless told otherwise.
+pub const DEMO_TIME_SCALE: f64 = 1440.0;
+
+/// The bus of the simulated solar power station (`sim:hmi-can`).
+pub struct SimulatedCan {
+    bus: HmiCan,
+    seed: u64,
+    time_scale: f64,
+}
+
+impl SimulatedCan {
+    /// The station of `seed`, whose time runs `time_scale` times as fast as real time.
+    pub fn new(seed: u64, time_scale: f64) -> Self {
+        Self { bus: HmiCan::new(seed, time_scale), seed, time_scale }
+    }
+
+    async fn play(mut self, mut inlet: Inlet, mut stop: Stop) {
+        // Every frame against the start, so that late timers do not add up.
+        let start = Instant::now();
+        for (offset, frame) in self.bus.by_ref() {
+            tokio::select! {
+                () = sleep_until(start + Duration::from_nanos(offset)) => {}
+                () = stop.requested() => return,
+            }
+            let time = inlet.timeline().now();
+            inlet.tally().bits(wire::bits(&frame));
+            inlet.push_one(time, Frame::Can(frame));
+            if inlet.satisfied() {
+                return;
+            }
+        }
+    }
+}
+
+impl Source for SimulatedCan {
+    fn facts(&self) -> BusFacts {
+        let more = simulated(self.seed, self.time_scale);
+        BusFacts { unit: Some(Unit::Frames), bitrate: Some(BIT_RATE), data_bitrate: None, more }
+    }
+
+    fn run<'a>(self: Box<Self>, inlet: Inlet, stop: Stop) -> Running<'a>
+    where
+        Self: 'a,
+    {
+        Box::pin(async move {
+            self.play(inlet, stop).await;
+            Ok(())
+        })
+    }
+}
+
+/// What every simulated bus says of itself.
+pub(super) fn simulated(seed: u64, time_scale: f64) -> std::collections::BTreeMap<String, String> {
+    let facts = [
+        ("kind", "simulated".to_string()),
+        ("seed", seed.to_string()),
+        ("time_scale", time_scale.to_string()),
+    ];
+    facts.map(|(name, value)| (name.to_string(), value)).into()
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::clock::{Clock, Reading, Timeline};
+    use crate::frame::Stamped;
+    use crate::record::{Allowance, Queue, Tally};
+
+    /// The machine's steady clock, put at a fixed day.
+    struct Ticking(std::time::Instant);
+
+    impl Clock for Ticking {
+        fn read(&self) -> Reading {
+            let steady = self.0.elapsed().as_nanos() as u64;
+            Reading { wall: 1_700_000_000_000_000_000 + steady, steady }
+        }
+    }
+
+    /// Runs `source` until it has recorded `count` frames or bytes, or for ten seconds at most.
+    pub fn record(source: Box<dyn Source>, count: u64) -> Vec<Stamped<Frame>> {
+        let queue = Queue::new(1 << 20);
+        let (tally, allowance) = (Arc::new(Tally::default()), Allowance::new(Some(count)));
+        let timeline = Timeline::start(Arc::new(Ticking(std::time::Instant::now())));
+        let unit = source.facts().unit.expect("no unit");
+        let inlet = Inlet::new(0, unit, queue.clone(), tally.clone(), allowance, timeline);
+        let (switch, stop) = Stop::new();
+        let runtime =
+            tokio::runtime::Builder::new_current_thread().enable_all().build().expect("no runtime");
+        runtime.block_on(async {
+            let running = source.run(inlet, stop);
+            tokio::select! {
+                result = running => result.expect("the source failed"),
+                () = tokio::time::sleep(Duration::from_secs(10)) => panic!("still not {count}"),
+            }
+        });
+        drop(switch);
+        let mut items = Vec::new();
+        queue.take(&mut items, usize::MAX, Duration::ZERO);
+        items.into_iter().map(|item| item.frame).collect()
+    }
+
+    #[test]
+    fn the_bus_is_recorded_in_real_time_and_in_order() {
+        let source = SimulatedCan::new(1, DEMO_TIME_SCALE);
+        assert_eq!(source.facts().more["kind"], "simulated");
+        let frames = record(Box::new(source), 40);
+        let mut last = 0;
+        let start = frames[0].time.nanos();
+        for (stamped, (offset, frame)) in frames.iter().zip(HmiCan::new(1, DEMO_TIME_SCALE)) {
+            assert_eq!(stamped.value, Frame::Can(frame));
+            assert!(stamped.time.nanos() >= last);
+            last = stamped.time.nanos();
+            let first = HmiCan::new(1, DEMO_TIME_SCALE).next().expect("the bus ended").0;
+            // Never early; the timers' grain is a millisecond.
+            assert!(last - start + 2_000_000 >= offset - first);
+        }
+        assert_eq!(frames.len(), 40);
+    }
+
+    #[test]
+    fn a_stop_ends_the_source_at_once() {
+        let queue = Queue::new(1 << 20);
+        let timeline = Timeline::start(Arc::new(Ticking(std::time::Instant::now())));
+        let (tally, allowance) = (Arc::new(Tally::default()), Allowance::new(None));
+        let inlet = Inlet::new(0, Unit::Frames, queue, tally, allowance, timeline);
+        let (switch, stop) = Stop::new();
+        switch.send_replace(true);
+        let runtime =
+            tokio::runtime::Builder::new_current_thread().enable_all().build().expect("no runtime");
+        let running = Box::new(SimulatedCan::new(1, 1.0)).run(inlet, stop);
+        runtime.block_on(running).expect("the source failed");
+    }
+}

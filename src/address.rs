@@ -1,7 +1,10 @@
 //! Addresses of buses, as written on the command line: `[NAME=]ADDRESS`.
 
+use crate::capture::serial::{Bridge, Listen, PtySource, SerialAddress};
 use crate::capture::socketcan::{CanOptions, CanSettings, SocketCan};
 use crate::capture::{CaptureError, Source};
+use crate::simulate::rectifier_line::SimulatedRectifier;
+use crate::simulate::source::{DEMO_TIME_SCALE, SimulatedCan};
 
 /// A bus to be recorded: its name, and where it is.
 #[derive(Clone, Debug)]
@@ -18,7 +21,16 @@ pub struct BusSpec {
 enum Address {
     /// A SocketCAN interface.
     Can(CanSettings),
+    /// A serial line.
+    Serial(SerialAddress),
+    /// `sim:hmi-can`: the CAN link of a hybrid solar power station.
+    SimulatedStation,
+    /// `sim:zhongheng-09`: a telecom rectifier monitor and its master.
+    SimulatedRectifier,
 }
+
+/// Every simulation is the same each time, so that two people see the same recording.
+const SEED: u64 = 1;
 
 /// What a bus argument got wrong. The text is the whole sentence.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
@@ -47,18 +59,53 @@ impl BusSpec {
     pub fn open(&self, can: &CanOptions) -> Result<Box<dyn Source>, CaptureError> {
         match &self.address {
             Address::Can(settings) => SocketCan::open(settings, can),
+            Address::Serial(address) => open_serial(address.clone()),
+            Address::SimulatedStation => Ok(Box::new(SimulatedCan::new(SEED, DEMO_TIME_SCALE))),
+            Address::SimulatedRectifier => {
+                Ok(Box::new(SimulatedRectifier::new(SEED, DEMO_TIME_SCALE)))
+            }
         }
     }
 }
 
+fn open_serial(address: SerialAddress) -> Result<Box<dyn Source>, CaptureError> {
+    Ok(match address {
+        SerialAddress::Port { path, settings } => Box::new(Listen::port(path, settings)?),
+        SerialAddress::Tap { device, host, settings } => {
+            Box::new(Listen::tap(device, host, settings)?)
+        }
+        SerialAddress::Bridge { path, settings, link } => {
+            Box::new(Bridge::open(path, settings, link)?)
+        }
+        SerialAddress::Pty { link } => Box::new(PtySource::open(link)?),
+    })
+}
+
 impl Address {
     fn parse(text: &str) -> Result<Self, String> {
+        if let Some(device) = text.strip_prefix("sim:") {
+            return match device {
+                "hmi-can" => Ok(Self::SimulatedStation),
+                "zhongheng-09" => Ok(Self::SimulatedRectifier),
+                _ => Err(format!(
+                    "there is no simulated device \"{}\"; there are sim:hmi-can and \
+                     sim:zhongheng-09",
+                    device.escape_debug()
+                )),
+            };
+        }
+        if let Some(serial) = SerialAddress::parse(text) {
+            return serial.map(Self::Serial).map_err(|error| error.to_string());
+        }
         text.parse().map(Self::Can).map_err(|error: CaptureError| error.to_string())
     }
 
     fn default_name(&self) -> String {
         match self {
             Self::Can(settings) => settings.interface.clone(),
+            Self::Serial(address) => address.default_name(),
+            Self::SimulatedStation => "hmi-can".to_owned(),
+            Self::SimulatedRectifier => "zhongheng-09".to_owned(),
         }
     }
 }

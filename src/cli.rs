@@ -38,6 +38,8 @@ pub enum Command {
     Convert(ConvertArgs),
     /// List the CAN interfaces and serial ports of this machine
     Ports(PortsArgs),
+    /// Record a simulated power station, without any hardware
+    Demo(DemoArgs),
 }
 
 /// Addresses, for the help of every command that takes them.

@@ -72,9 +72,9 @@ fn bare_seconds(text: &str) -> Option<Duration> {
 
 /// A size such as `64MiB`, `500MB` or `1GiB`; a bare number is bytes.
 pub fn parse_size(text: &str) -> Result<u64, String> {
-    text.parse::<bytesize::ByteSize>().map(|size| size.as_u64()).map_err(|_| {
-        format!("\"{text}\" is not a size; write it like 512KiB, 64MiB or 1GiB")
-    })
+    text.parse::<bytesize::ByteSize>()
+        .map(|size| size.as_u64())
+        .map_err(|_| format!("\"{text}\" is not a size; write it like 512KiB, 64MiB or 1GiB"))
 }
 
 /// `1.2 MiB`.
@@ -111,7 +111,8 @@ pub fn grouped(number: u64) -> String {
 /// cannot drive a terminal.
 pub fn printable(text: &str) -> String {
     let unsafe_char = |c: char| {
-        c.is_control() || matches!(c, '\u{200E}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{2066}'..='\u{2069}')
+        c.is_control()
+            || matches!(c, '\u{200E}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{2066}'..='\u{2069}')
     };
     text.chars().fold(String::with_capacity(text.len()), |mut out, c| {
         if unsafe_char(c) {

@@ -145,11 +145,8 @@ impl TimeColumn {
                 split(time.since(reference))
             }
         };
-        let fraction = if self.nanoseconds {
-            format!("{nanos:09}")
-        } else {
-            format!("{:06}", nanos / 1000)
-        };
+        let fraction =
+            if self.nanoseconds { format!("{nanos:09}") } else { format!("{:06}", nanos / 1000) };
         let text = match self.style {
             TimeStyle::Absolute => format!("({seconds:010}.{fraction}) "),
             TimeStyle::Zero | TimeStyle::Delta => format!("({seconds:03}.{fraction}) "),

@@ -52,9 +52,18 @@ fn print_files(out: &mut impl std::io::Write, recording: &Recording) -> Result<(
             Ending::Cut { .. } => "NOT FINISHED",
         };
         let path = segment.path.display().to_string();
-        vec![path, size(segment.size), start.map_or("-".to_owned(), rfc3339_millis), lasted(start, end), ended.to_owned()]
+        vec![
+            path,
+            size(segment.size),
+            start.map_or("-".to_owned(), rfc3339_millis),
+            lasted(start, end),
+            ended.to_owned(),
+        ]
     });
-    output::heading(out, &format!("Recording: {} in {} file(s)", size(total), recording.segments.len()))?;
+    output::heading(
+        out,
+        &format!("Recording: {} in {} file(s)", size(total), recording.segments.len()),
+    )?;
     let head = ["file", "size", "first", "lasts", "ended by"];
     write!(out, "{}", output::table(&head, &[1, 3], rows.collect()))?;
     let facts = recording.segments.first().and_then(|s| s.metadata.get("bustape.recording"));
@@ -93,7 +102,8 @@ impl Bus {
     fn of(recording: &Recording, name: &str) -> Self {
         let record = format!("bustape.bus.{name}");
         let facts = recording.segments.iter().find_map(|s| s.metadata.get(&record));
-        let summary = recording.segments.iter().rev().find_map(|s| s.metadata.get("bustape.summary"));
+        let summary =
+            recording.segments.iter().rev().find_map(|s| s.metadata.get("bustape.summary"));
         let prefix = format!("{name}.");
         let totals = summary.into_iter().flatten().filter_map(|(key, value)| {
             Some((key.strip_prefix(&prefix)?.to_owned(), value.clone()))
@@ -134,7 +144,8 @@ fn print_topics(out: &mut impl std::io::Write, recording: &Recording) -> Result<
     let seconds = recording.span().map_or(0.0, |(start, end)| seconds(end.since(start)));
     let rows = topics(recording).into_iter().map(|(topic, (schema, count))| {
         #[allow(clippy::cast_precision_loss, reason = "a rate for people")]
-        let rate = if seconds > 0.0 { format!("{:.1}", count as f64 / seconds) } else { "-".into() };
+        let rate =
+            if seconds > 0.0 { format!("{:.1}", count as f64 / seconds) } else { "-".into() };
         vec![topic, schema, grouped(count), rate]
     });
     let head = ["topic", "schema", "messages", "per second"];
@@ -168,7 +179,14 @@ fn print_gaps(out: &mut impl std::io::Write, recording: &Recording) -> Result<()
         let count = if gap.count == 0 { "unknown".to_owned() } else { grouped(gap.count) };
         let lasted = duration(gap.to.since(gap.from));
         let reason = reason_name(gap.reason).to_owned();
-        vec![bus.clone(), rfc3339_millis(gap.from), lasted, count, unit_name(gap.unit).to_owned(), reason]
+        vec![
+            bus.clone(),
+            rfc3339_millis(gap.from),
+            lasted,
+            count,
+            unit_name(gap.unit).to_owned(),
+            reason,
+        ]
     });
     let head = ["bus", "from", "lasts", "lost", "unit", "reason"];
     write!(out, "{}", output::table(&head, &[2, 3], rows.collect()))?;
@@ -191,7 +209,8 @@ fn gaps(recording: &Recording) -> Vec<(String, Gap)> {
 fn print_attachments(out: &mut impl std::io::Write, recording: &Recording) -> Result<()> {
     let mut rows = Vec::new();
     for attachment in recording.segments.iter().flat_map(|s| &s.attachments) {
-        let row = vec![attachment.name.clone(), attachment.media_type.clone(), size(attachment.size)];
+        let row =
+            vec![attachment.name.clone(), attachment.media_type.clone(), size(attachment.size)];
         if !rows.contains(&row) {
             rows.push(row);
         }
@@ -207,7 +226,11 @@ fn print_attachments(out: &mut impl std::io::Write, recording: &Recording) -> Re
 pub fn unfinished(segment: &Segment) -> String {
     let Ending::Cut { at, of } = segment.ending else { return String::new() };
     let name = segment.path.display();
-    let rest = if at < of { format!(", {} bytes behind that cannot be read", of - at) } else { String::new() };
+    let rest = if at < of {
+        format!(", {} bytes behind that cannot be read", of - at)
+    } else {
+        String::new()
+    };
     format!(
         "{name} was not finished: the recorder is still running, or was killed. It can be read up \
          to byte {at} of {of}{rest}. Make a finished file of it with \"bustape convert {name} -o \

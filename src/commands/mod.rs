@@ -2,6 +2,7 @@
 
 mod cat;
 mod convert;
+mod demo;
 mod info;
 mod output;
 mod ports;
@@ -36,6 +37,7 @@ pub fn main() -> ExitCode {
         Command::Cat(args) => cat::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Ports(args) => ports::run(&args),
+        Command::Demo(args) => demo::run(&args),
     };
     match result {
         Ok(Ended::Well) => ExitCode::SUCCESS,

@@ -18,8 +18,8 @@ use crate::cli::RecordArgs;
 use crate::clock::Timeline;
 use crate::frame::Unit;
 use crate::record::{
-    Allowance, BusIndex, Inlet, Outcome, Pace, Progress, Queue, RecordedBus, Recorder, Segments,
-    Split, Tally, Target, Totals, reason_name, unit_name, REASONS,
+    Allowance, BusIndex, Inlet, Outcome, Pace, Progress, Queue, REASONS, RecordedBus, Recorder,
+    Segments, Split, Tally, Target, Totals, reason_name, unit_name,
 };
 use crate::recording::container::Facts;
 use crate::recording::disk::RealDisk;
@@ -100,10 +100,9 @@ pub struct Plan {
 impl Plan {
     fn of(args: &RecordArgs) -> Self {
         let (target, split) = match (&args.output, &args.dir) {
-            (Some(file), _) => (
-                Target::File(file.clone()),
-                Split { size: args.split_size, time: args.split_time },
-            ),
+            (Some(file), _) => {
+                (Target::File(file.clone()), Split { size: args.split_size, time: args.split_time })
+            }
             (None, dir) => (
                 Target::Folder(dir.clone().unwrap_or_else(|| ".".into()), args.name.clone()),
                 Split {
@@ -152,8 +151,7 @@ pub async fn record(buses: Vec<Bus>, plan: &Plan) -> Result<Recorded> {
     // Before anything is opened, so that Ctrl-C from here on ends with a finished file.
     let mut signals = Signals::new()?;
     let timeline = Timeline::start(Arc::new(SystemClock));
-    let segments =
-        Segments::new(Box::new(RealDisk), plan.target.clone(), plan.split, plan.writer)?;
+    let segments = Segments::new(Box::new(RealDisk), plan.target.clone(), plan.split, plan.writer)?;
     let recorded: Vec<RecordedBus> = buses.iter().map(recorded_bus).collect();
     let units: Vec<(String, Unit)> =
         recorded.iter().map(|bus| (bus.name.clone(), unit(&bus.facts))).collect();
@@ -201,11 +199,16 @@ pub async fn record(buses: Vec<Bus>, plan: &Plan) -> Result<Recorded> {
         status: StatusLine::new(),
         errors: Vec::new(),
     };
-    let ended = local.run_until(watch.until_end(&mut sources, &mut signals, plan, &allowance)).await;
+    let ended =
+        local.run_until(watch.until_end(&mut sources, &mut signals, plan, &allowance)).await;
     *reason.lock().unwrap_or_else(PoisonError::into_inner) = ended.to_owned();
     switch.send(true).ok();
     // Each takes what the kernel still holds. None of them may hold up the end for long.
-    let drained = async { while let Some(ended) = sources.join_next().await { watch.note(ended) } };
+    let drained = async {
+        while let Some(ended) = sources.join_next().await {
+            watch.note(ended)
+        }
+    };
     if tokio::time::timeout(Duration::from_secs(3), local.run_until(drained)).await.is_err() {
         watch.errors.push("a source did not stop within 3 s and was left behind".to_owned());
     }
@@ -392,20 +395,21 @@ fn report_text(out: &mut impl std::io::Write, recorded: &Recorded) -> Result<()>
 }
 
 fn report_json(recorded: &Recorded) -> serde_json::Value {
-    let buses = recorded.buses.iter().zip(&recorded.outcome.totals).map(|((name, unit), totals)| {
-        let dropped = REASONS.into_iter().filter(|reason| totals.lost_to(*reason) > 0);
-        let dropped: serde_json::Map<_, _> = dropped
-            .map(|reason| (reason_name(reason).to_owned(), json!(totals.lost_to(reason))))
-            .collect();
-        json!({
-            "bus": name,
-            "unit": unit_name(*unit),
-            "received": totals.received,
-            "written": totals.written,
-            "dropped": totals.lost(),
-            "dropped_by_reason": dropped,
-        })
-    });
+    let buses =
+        recorded.buses.iter().zip(&recorded.outcome.totals).map(|((name, unit), totals)| {
+            let dropped = REASONS.into_iter().filter(|reason| totals.lost_to(*reason) > 0);
+            let dropped: serde_json::Map<_, _> = dropped
+                .map(|reason| (reason_name(reason).to_owned(), json!(totals.lost_to(reason))))
+                .collect();
+            json!({
+                "bus": name,
+                "unit": unit_name(*unit),
+                "received": totals.received,
+                "written": totals.written,
+                "dropped": totals.lost(),
+                "dropped_by_reason": dropped,
+            })
+        });
     json!({
         "reason": recorded.reason,
         "buses": buses.collect::<Vec<_>>(),

@@ -147,9 +147,10 @@ impl Segments {
 
     /// True when `segment` should be followed by the next one.
     pub fn is_full(&self, segment: &Segment, now: Timestamp) -> bool {
-        let too_long = self.split.time.is_some_and(|limit| {
-            u128::from(now.since(segment.started)) >= limit.as_nanos()
-        });
+        let too_long = self
+            .split
+            .time
+            .is_some_and(|limit| u128::from(now.since(segment.started)) >= limit.as_nanos());
         let too_big = self.split.size.is_some_and(|limit| segment.writer.expected_size() >= limit);
         too_long || too_big
     }

@@ -49,16 +49,17 @@ pub fn decode(bytes: &[u8]) -> Option<CanFrame> {
 
 #[cfg(test)]
 mod tests {
-    use prost::Message as _;
     use proptest::prelude::*;
+    use prost::Message as _;
 
     use super::*;
     use crate::recording::schema::bustape;
 
     fn any_frame() -> impl Strategy<Value = CanFrame> {
         let data = prop::collection::vec(any::<u8>(), 0..=64);
-        (any::<u32>(), 0u8..0x80, 0u8..16, data)
-            .prop_map(|(id, flags, dlc, data)| CanFrame::new(id, CanFlags(flags), &data).with_dlc(dlc))
+        (any::<u32>(), 0u8..0x80, 0u8..16, data).prop_map(|(id, flags, dlc, data)| {
+            CanFrame::new(id, CanFlags(flags), &data).with_dlc(dlc)
+        })
     }
 
     proptest! {

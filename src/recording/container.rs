@@ -308,7 +308,8 @@ impl Container {
             (op::ATTACHMENT_INDEX, &self.groups.attachments),
             (op::METADATA_INDEX, &self.groups.metadata),
         ];
-        let mut bytes = Vec::with_capacity(groups.iter().map(|(_, g)| g.len()).sum::<usize>() + 512);
+        let mut bytes =
+            Vec::with_capacity(groups.iter().map(|(_, g)| g.len()).sum::<usize>() + 512);
         let mut offsets = Vec::new();
         for (group_opcode, group) in groups.into_iter().filter(|(_, group)| !group.is_empty()) {
             let offset = records::SummaryOffset {
@@ -321,11 +322,8 @@ impl Container {
         }
         let summary_offset_start = self.position + bytes.len() as u64;
         bytes.extend_from_slice(&offsets);
-        let footer = records::Footer {
-            summary_start: self.position,
-            summary_offset_start,
-            summary_crc: 0,
-        };
+        let footer =
+            records::Footer { summary_start: self.position, summary_offset_start, summary_crc: 0 };
         put(&mut bytes, op::FOOTER, &footer)?;
         // The checksum covers everything up to itself and stands in the footer's last four bytes.
         let at = bytes.len() - 4;

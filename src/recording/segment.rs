@@ -72,7 +72,8 @@ pub struct ReadError(pub String);
 impl Segment {
     /// Opens a file.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
-        let failed = |error: io::Error| ReadError(format!("cannot read {}: {error}", path.display()));
+        let failed =
+            |error: io::Error| ReadError(format!("cannot read {}: {error}", path.display()));
         let file = File::open(path).map_err(failed)?;
         let about = file.metadata().map_err(failed)?;
         let size = about.len();
@@ -223,9 +224,8 @@ impl Segment {
             return Ok(());
         }
         self.file.read_exact_at(&mut times, at + HEAD as u64)?;
-        let [start, stop] = [0, 8].map(|i| {
-            u64::from_le_bytes(std::array::from_fn(|byte| times[i + byte]))
-        });
+        let [start, stop] =
+            [0, 8].map(|i| u64::from_le_bytes(std::array::from_fn(|byte| times[i + byte])));
         self.chunks.push(ChunkRef { start, end: stop, offset: at, length: end - at, channels: 0 });
         let span = &mut self.statistics.span;
         *span = if span.0 == 0 { (start, stop) } else { (span.0.min(start), span.1.max(stop)) };
@@ -334,7 +334,8 @@ impl Segment {
         let failed = |why: String| {
             ReadError(format!("{}: attachment \"{}\": {why}", self.path.display(), index.name))
         };
-        let bytes = self.read_record(index.offset, index.length).map_err(|e| failed(e.to_string()))?;
+        let bytes =
+            self.read_record(index.offset, index.length).map_err(|e| failed(e.to_string()))?;
         records(&bytes)
             .next()
             .filter(|record| record.opcode == op::ATTACHMENT)

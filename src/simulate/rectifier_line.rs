@@ -51,9 +51,8 @@ impl Line {
     async fn read(&self) -> io::Result<Vec<u8>> {
         let mut bytes = [0; 512];
         loop {
-            self.0.ready(Interest::READABLE).await?;
             let read = |fd: &OwnedFd| Ok(nix::unistd::read(fd, &mut bytes)?);
-            match self.0.try_io(Interest::READABLE, read) {
+            match self.0.act(Interest::READABLE, read).await {
                 Ok(count) => return Ok(bytes[..count].to_vec()),
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
                 // A pseudo-terminal says so when nobody has the other end open any more.
@@ -67,9 +66,8 @@ impl Line {
 
     async fn write_all(&self, mut bytes: &[u8]) -> io::Result<()> {
         while !bytes.is_empty() {
-            self.0.ready(Interest::WRITABLE).await?;
             let write = |fd: &OwnedFd| Ok(nix::unistd::write(fd, bytes)?);
-            match self.0.try_io(Interest::WRITABLE, write) {
+            match self.0.act(Interest::WRITABLE, write).await {
                 Ok(count) => bytes = &bytes[count..],
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
                 Err(error) => return Err(error),

@@ -150,10 +150,8 @@ impl PortSpec {
         };
         let mut format = size;
         format.set(ControlFlags::PARENB, self.settings.parity != Parity::None);
-        format.set(
-            ControlFlags::PARODD,
-            matches!(self.settings.parity, Parity::Odd | Parity::Mark),
-        );
+        format
+            .set(ControlFlags::PARODD, matches!(self.settings.parity, Parity::Odd | Parity::Mark));
         format.set(
             ControlFlags::CMSPAR,
             matches!(self.settings.parity, Parity::Mark | Parity::Space),

@@ -52,7 +52,12 @@ impl<'a> Messages<'a> {
 }
 
 /// Appends an entry as one line.
-pub fn put(out: &mut Vec<u8>, recording: &Recording, messages: &Messages<'_>, entry: &Stamped<Entry>) {
+pub fn put(
+    out: &mut Vec<u8>,
+    recording: &Recording,
+    messages: &Messages<'_>,
+    entry: &Stamped<Entry>,
+) {
     let time = rfc3339(entry.time);
     let value = match &entry.value {
         Entry::Frame(bus, frame) => {

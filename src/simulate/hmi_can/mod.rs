@@ -16,6 +16,7 @@
 
 pub mod event;
 pub mod modbus;
+pub mod onto_can;
 pub mod panel;
 pub mod settings;
 pub mod state;

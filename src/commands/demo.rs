@@ -1,0 +1,132 @@
+//! `bustape demo`: a recording without any hardware.
+
+use anyhow::{Context as _, Result};
+use socketcan::{CanInterface, Socket as _};
+
+use super::record::{self, Bus, Plan};
+use super::{Ended, info, output};
+use crate::capture::Source;
+use crate::capture::socketcan::{CanOptions, SocketCan};
+use crate::cli::DemoArgs;
+use crate::record::{Pace, Split, Target};
+use crate::recording::reader::Recording;
+use crate::recording::writer::WriterOptions;
+use crate::simulate::hmi_can::{HmiCan, onto_can};
+use crate::simulate::rectifier_line::SimulatedRectifier;
+use crate::simulate::source::{DEMO_TIME_SCALE, SimulatedCan};
+use crate::text::duration;
+
+/// The same demo for everybody.
+const SEED: u64 = 1;
+/// Name of the interface the demo makes for itself.
+const INTERFACE: &str = "vcan-bustape";
+
+/// Runs the command.
+pub fn run(args: &DemoArgs) -> Result<Ended> {
+    std::fs::create_dir_all(&args.dir)
+        .with_context(|| format!("cannot create the folder {}", args.dir.display()))?;
+    let seconds = duration(u64::try_from(args.duration.as_nanos()).unwrap_or(u64::MAX));
+    output::note(&format!(
+        "Recording a simulated power station for {seconds} into {}; an hour passes there in 2.5 s.",
+        args.dir.display()
+    ));
+    let runtime = record::runtime()?;
+    let recorded = runtime.block_on(async {
+        let (station, _vcan) = station()?;
+        let rectifier = Bus {
+            name: "rectifier".to_owned(),
+            address: "sim:zhongheng-09".to_owned(),
+            source: Box::new(SimulatedRectifier::new(SEED, DEMO_TIME_SCALE)),
+        };
+        output::note("rectifier: the polling master and the monitor talk over a pseudo-terminal.");
+        record::record(vec![station, rectifier], &plan(args)).await
+    })?;
+    let ended = record::report(&recorded, false)?;
+    println!();
+    info::print(&Recording::open(recorded.files())?)?;
+    next_steps(recorded.files());
+    Ok(ended)
+}
+
+fn plan(args: &DemoArgs) -> Plan {
+    Plan {
+        target: Target::Folder(args.dir.clone(), "demo".to_owned()),
+        split: Split::default(),
+        writer: WriterOptions { layout: args.layout, ..WriterOptions::default() },
+        pace: Pace::default(),
+        queue: 16 << 20,
+        duration: Some(args.duration),
+        count: None,
+    }
+}
+
+/// The station's bus: through a virtual CAN interface where one can be made, else in this process.
+fn station() -> Result<(Bus, Option<Vcan>)> {
+    let name = "station".to_owned();
+    match Vcan::create() {
+        Ok((vcan, source)) => {
+            output::note(&format!(
+                "station: through the kernel's CAN, on the virtual interface {INTERFACE} made for \
+                 this demo."
+            ));
+            Ok((Bus { name, address: INTERFACE.to_owned(), source }, Some(vcan)))
+        }
+        Err(why) => {
+            output::note(&format!(
+                "station: on a bus inside this process, since a virtual CAN interface cannot be \
+                 made here ({why:#})."
+            ));
+            let source = Box::new(SimulatedCan::new(SEED, DEMO_TIME_SCALE));
+            Ok((Bus { name, address: "sim:hmi-can".to_owned(), source }, None))
+        }
+    }
+}
+
+/// A virtual CAN interface with the station sending on it, gone when dropped.
+struct Vcan {
+    interface: Option<CanInterface>,
+    sender: Option<tokio::task::JoinHandle<()>>,
+}
+
+impl Vcan {
+    fn create() -> Result<(Self, Box<dyn Source>)> {
+        // Created by us or not at all: an interface of this name that is there is somebody's.
+        let interface = CanInterface::create_vcan(INTERFACE, None)?;
+        let mut vcan = Self { interface: Some(interface), sender: None };
+        if let Some(interface) = &vcan.interface {
+            interface.bring_up()?;
+        }
+        let settings = INTERFACE.parse()?;
+        let source = SocketCan::open(&settings, &CanOptions::default())?;
+        let socket = socketcan::CanSocket::open(INTERFACE)?;
+        socket.set_nonblocking(true)?;
+        let station = HmiCan::new(SEED, DEMO_TIME_SCALE);
+        vcan.sender = Some(tokio::spawn(onto_can::send(station, socket)));
+        Ok((vcan, source))
+    }
+}
+
+impl Drop for Vcan {
+    fn drop(&mut self) {
+        if let Some(sender) = &self.sender {
+            sender.abort();
+        }
+        if let Some(interface) = self.interface.take()
+            && let Err((_, error)) = interface.delete()
+        {
+            output::warning(&format!(
+                "cannot remove {INTERFACE}: {error}; remove it with \"ip link del {INTERFACE}\""
+            ));
+        }
+    }
+}
+
+fn next_steps(files: &[std::path::PathBuf]) {
+    let Some(file) = files.first().map(|file| file.display().to_string()) else { return };
+    println!();
+    println!("Next:");
+    println!("  bustape cat {file}        print the frames");
+    println!("  bustape info {file}       see this again");
+    println!("  Foxglove: \"Open local file\", choose {file}; add a Raw Messages panel");
+    println!("  on /station/raw and a Plot panel on /station/stats.rate");
+}

@@ -86,8 +86,7 @@ fn a_tap_tells_which_side_said_what() {
             _ => None,
         })
         .collect();
-    let expected: Vec<_> =
-        (0..20).flat_map(|r| [(Direction::Tx, r), (Direction::Rx, r)]).collect();
+    let expected: Vec<_> = (0..20).flat_map(|r| [(Direction::Tx, r), (Direction::Rx, r)]).collect();
     assert_eq!(order, expected);
 }
 

@@ -52,7 +52,8 @@ impl Opens {
     /// Events are `struct inotify_event`: wd, mask, cookie, len (4 bytes each), then `len` bytes.
     fn take(&mut self, mut events: &[u8]) {
         while let Some((head, rest)) = events.split_first_chunk::<16>() {
-            let word = |i: usize| u32::from_ne_bytes([head[i], head[i + 1], head[i + 2], head[i + 3]]);
+            let word =
+                |i: usize| u32::from_ne_bytes([head[i], head[i + 1], head[i + 2], head[i + 3]]);
             let mask = word(4);
             if mask & libc::IN_OPEN != 0 {
                 self.open += 1;

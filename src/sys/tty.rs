@@ -105,10 +105,8 @@ impl Tty {
     /// stream (PARMRK): FF 00 x is a bad byte x, FF 00 00 a break, FF FF a good byte FF.
     pub fn mark_errors(&self) -> io::Result<()> {
         self.change(|t| {
-            let ignore = InputFlags::IGNBRK
-                | InputFlags::BRKINT
-                | InputFlags::IGNPAR
-                | InputFlags::ISTRIP;
+            let ignore =
+                InputFlags::IGNBRK | InputFlags::BRKINT | InputFlags::IGNPAR | InputFlags::ISTRIP;
             t.input_flags.remove(ignore);
             // Without INPCK drivers report neither parity nor framing errors.
             t.input_flags.insert(InputFlags::INPCK | InputFlags::PARMRK);
@@ -147,7 +145,8 @@ impl Tty {
         // SAFETY: the descriptor is open, and the kernel fills a `serial_icounter_struct`, whose
         // layout `RawCounts` repeats.
         unsafe { tiocgicount(self.fd.as_raw_fd(), &raw mut raw) }.ok()?;
-        let (overrun, buffer_overrun) = (raw.overrun.cast_unsigned(), raw.buf_overrun.cast_unsigned());
+        let (overrun, buffer_overrun) =
+            (raw.overrun.cast_unsigned(), raw.buf_overrun.cast_unsigned());
         Some(Counts { overrun, buffer_overrun })
     }
 

@@ -146,9 +146,7 @@ impl Application {
     /// without being passed on, until everything that waits is taken.
     fn is_stalled(&self) -> bool {
         self.skipped > 0
-            || (!self.may_hold
-                && self.waiting.room() == 0
-                && self.progress.elapsed() >= STALLED)
+            || (!self.may_hold && self.waiting.room() == 0 && self.progress.elapsed() >= STALLED)
     }
 
     /// The path of the pseudo-terminal itself.

@@ -40,7 +40,11 @@ pub struct Bridge {
 
 impl Bridge {
     /// Opens the real port at `path` and makes the pseudo-terminal at `link`.
-    pub fn open(path: PathBuf, settings: SerialSettings, link: PathBuf) -> Result<Self, CaptureError> {
+    pub fn open(
+        path: PathBuf,
+        settings: SerialSettings,
+        link: PathBuf,
+    ) -> Result<Self, CaptureError> {
         let (spec, opened) = PortSpec::open_first(path, settings, Use::Talk)?;
         let (pty, made) = linked(&link)?;
         let opens = Opens::watch(pty.path()).map_err(|e| {

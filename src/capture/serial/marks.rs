@@ -30,8 +30,7 @@ impl Unmarker {
     /// For a line with or without a parity bit. Without one, a marked byte can only be a framing
     /// error.
     pub fn new(parity: bool) -> Self {
-        let bad_byte =
-            if parity { LineErrorKind::ParityOrFraming } else { LineErrorKind::Framing };
+        let bad_byte = if parity { LineErrorKind::ParityOrFraming } else { LineErrorKind::Framing };
         Self { state: State::Plain, bad_byte }
     }
 

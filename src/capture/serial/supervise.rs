@@ -33,12 +33,7 @@ impl Outage<'_> {
     ///
     /// The caller has closed the device: an open descriptor would keep its name busy. `reopen`
     /// runs on a thread of its own, because opening some USB adapters takes seconds.
-    pub async fn wait<T, F>(
-        self,
-        reopen: F,
-        inlet: &RefCell<Inlet>,
-        stop: &mut Stop,
-    ) -> Option<T>
+    pub async fn wait<T, F>(self, reopen: F, inlet: &RefCell<Inlet>, stop: &mut Stop) -> Option<T>
     where
         T: Send + 'static,
         F: Fn() -> Result<T, CaptureError> + Clone + Send + 'static,

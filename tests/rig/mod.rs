@@ -101,7 +101,8 @@ impl Recorder {
 
     pub fn finish(self) -> Recorded {
         let wall = self.started.elapsed();
-        self.switch.send(true).unwrap();
+        // A source that has already failed listens no more.
+        self.switch.send(true).ok();
         let (result, cpu) = self.capture.join().unwrap();
         self.writer.join().unwrap();
         let frames = std::mem::take(&mut *self.taken.lock().unwrap());

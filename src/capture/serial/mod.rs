@@ -11,13 +11,13 @@ mod identity;
 mod link;
 mod listen;
 pub mod marks;
-mod open;
-mod port;
+pub(super) mod open;
+pub(super) mod port;
 mod ports;
 mod pty;
 mod relay;
 mod settings;
-mod supervise;
+pub(super) mod supervise;
 mod trouble;
 
 pub use address::SerialAddress;

@@ -21,6 +21,8 @@ pub(crate) enum Use {
     Listen,
     /// To pass an application's bytes on.
     Talk,
+    /// To talk to an adapter that speaks a protocol of its own; line errors say nothing there.
+    Adapter,
 }
 
 /// A port that was open once: enough to open it again.
@@ -90,7 +92,8 @@ impl PortSpec {
             );
             notes.push((Level::Warning, text));
         }
-        Ok(Opened { tty, marked: !pseudo, notes })
+        let marked = !pseudo && self.purpose != Use::Adapter;
+        Ok(Opened { tty, marked, notes })
     }
 
     fn builder(&self, path: &Path) -> SerialPortBuilder {
@@ -128,7 +131,9 @@ impl PortSpec {
         if self.purpose == Use::Listen {
             tty.hang_up_on_close(false)?;
         }
-        tty.mark_errors()?;
+        if self.purpose != Use::Adapter {
+            tty.mark_errors()?;
+        }
         // What came before this line is without marks, and maybe at another rate.
         tty.discard_input()
     }

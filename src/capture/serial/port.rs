@@ -24,6 +24,8 @@ pub(crate) struct Port {
     unmarker: Option<Unmarker>,
     direction: Direction,
     counts: Option<Counts>,
+    /// Lost bytes are what the bus counts. Otherwise nobody knows how many frames they were.
+    counts_bytes: bool,
     /// The last moment at which the port was seen to be there.
     alive: Timestamp,
 }
@@ -44,13 +46,14 @@ impl Port {
         // Whoever never writes need not be woken for room.
         let interest = match spec.purpose {
             Use::Listen => Interest::READABLE,
-            Use::Talk => Interest::READABLE | Interest::WRITABLE,
+            Use::Talk | Use::Adapter => Interest::READABLE | Interest::WRITABLE,
         };
         Ok(Self {
             counts: opened.tty.counts(),
             unmarker: opened.marked.then(|| Unmarker::new(parity)),
             tty: register(opened.tty, interest)?,
             direction,
+            counts_bytes: spec.purpose != Use::Adapter,
             alive: inlet.timeline().now(),
         })
     }
@@ -103,6 +106,11 @@ impl Port {
         (!data.is_empty()).then_some(SerialBytes { direction: self.direction, data, errors })
     }
 
+    /// Notes that something was read at `time`.
+    pub fn heard(&mut self, time: Timestamp) {
+        self.alive = time;
+    }
+
     /// Records what one read returned.
     pub fn record(&mut self, inlet: &RefCell<Inlet>, read: &[u8]) {
         let mut inlet = inlet.borrow_mut();
@@ -122,7 +130,8 @@ impl Port {
         if let Some(lost) = self.counts.replace(now).map(|before| lost_between(before, now))
             && lost > 0
         {
-            inlet.gap(GapReason::Overrun, lost, self.alive, time);
+            let count = if self.counts_bytes { lost } else { 0 };
+            inlet.gap(GapReason::Overrun, count, self.alive, time);
         }
         self.alive = time;
     }

@@ -1,6 +1,7 @@
 //! Addresses of buses, as written on the command line: `[NAME=]ADDRESS`.
 
 use crate::capture::serial::{Bridge, Listen, PtySource, SerialAddress};
+use crate::capture::slcan::{Slcan, SlcanAddress};
 use crate::capture::socketcan::{CanOptions, CanSettings, SocketCan};
 use crate::capture::{CaptureError, Source};
 use crate::simulate::rectifier_line::SimulatedRectifier;
@@ -21,6 +22,8 @@ pub struct BusSpec {
 enum Address {
     /// A SocketCAN interface.
     Can(CanSettings),
+    /// A CAN adapter on a serial line.
+    Slcan(SlcanAddress),
     /// A serial line.
     Serial(SerialAddress),
     /// `sim:hmi-can`: the CAN link of a hybrid solar power station.
@@ -59,6 +62,7 @@ impl BusSpec {
     pub fn open(&self, can: &CanOptions) -> Result<Box<dyn Source>, CaptureError> {
         match &self.address {
             Address::Can(settings) => SocketCan::open(settings, can),
+            Address::Slcan(address) => Ok(Box::new(Slcan::open(address.clone())?)),
             Address::Serial(address) => open_serial(address.clone()),
             Address::SimulatedStation => Ok(Box::new(SimulatedCan::new(SEED, DEMO_TIME_SCALE))),
             Address::SimulatedRectifier => {
@@ -94,6 +98,9 @@ impl Address {
                 )),
             };
         }
+        if let Some(adapter) = SlcanAddress::parse(text) {
+            return adapter.map(Self::Slcan).map_err(|error| error.to_string());
+        }
         if let Some(serial) = SerialAddress::parse(text) {
             return serial.map(Self::Serial).map_err(|error| error.to_string());
         }
@@ -103,6 +110,7 @@ impl Address {
     fn default_name(&self) -> String {
         match self {
             Self::Can(settings) => settings.interface.clone(),
+            Self::Slcan(address) => address.default_name(),
             Self::Serial(address) => address.default_name(),
             Self::SimulatedStation => "hmi-can".to_owned(),
             Self::SimulatedRectifier => "zhongheng-09".to_owned(),

@@ -9,9 +9,8 @@ pub mod opens;
 pub mod pty;
 pub mod tty;
 pub mod wait;
-mod waiting;
 
 pub use can_batch::{CanBatch, RawMessage};
 pub use can_socket::CanSocket;
 pub use clock::SystemClock;
-pub use waiting::{OneDescriptor, Waiting};
+pub use wait::Waiting;

@@ -4,6 +4,8 @@
 //! behind, and runs until it is told to stop. It looks after itself: when its link goes away it
 //! records a gap, waits, and goes on when the link is back. Capture never touches the disk.
 
+pub mod socketcan;
+
 use std::collections::BTreeMap;
 use std::future::Future;
 use std::pin::Pin;

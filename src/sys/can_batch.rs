@@ -14,7 +14,7 @@ const CONTROL: usize = 128;
 #[derive(Clone, Copy)]
 struct Control([u8; CONTROL]);
 
-/// Buffers for [`CanSocket::receive`], made once and used again and again.
+/// Buffers for [`CanSocket::receive`](super::CanSocket::receive), made once and used again and again.
 pub struct CanBatch {
     // The headers point to the vectors and to `control`, the vectors to `payload`. These three
     // are never resized nor borrowed mutably after `new`, so the pointers stay valid: moving a
@@ -65,7 +65,13 @@ impl CanBatch {
         Self { payload, control, _vectors: vectors, headers, filled: 0 }
     }
 
-    /// The messages of the last [`CanSocket::receive`], in their order.
+    /// True if the last [`CanSocket::receive`](super::CanSocket::receive) filled every buffer, so
+    /// that the kernel may hold more.
+    pub fn is_full(&self) -> bool {
+        self.filled == BATCH
+    }
+
+    /// The messages of the last [`CanSocket::receive`](super::CanSocket::receive), in their order.
     pub fn messages(&self) -> impl Iterator<Item = RawMessage<'_>> {
         (0..self.filled).map(|i| {
             let header = &self.headers[i];

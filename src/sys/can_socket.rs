@@ -5,7 +5,7 @@
 
 use std::io;
 use std::mem::{size_of, size_of_val};
-use std::os::fd::{AsRawFd, FromRawFd, OwnedFd, RawFd};
+use std::os::fd::{AsFd, AsRawFd, BorrowedFd, FromRawFd, OwnedFd, RawFd};
 use std::ptr;
 
 use libc::{c_int, can_filter};
@@ -100,9 +100,8 @@ impl CanSocket {
     /// None on kernels since 2.6.30.
     pub fn stamp_by_hardware(&self) -> io::Result<()> {
         let flags = libc::SOF_TIMESTAMPING_RX_HARDWARE | libc::SOF_TIMESTAMPING_RAW_HARDWARE;
-        self.set(libc::SOL_SOCKET, libc::SO_TIMESTAMPING_NEW, &flags.cast_signed()).or_else(|_| {
-            self.set(libc::SOL_SOCKET, libc::SO_TIMESTAMPING, &flags.cast_signed())
-        })
+        self.set(libc::SOL_SOCKET, libc::SO_TIMESTAMPING_NEW, &flags.cast_signed())
+            .or_else(|_| self.set(libc::SOL_SOCKET, libc::SO_TIMESTAMPING, &flags.cast_signed()))
     }
 
     /// Asks for a receive buffer of `bytes` and returns what was granted, counted as
@@ -145,8 +144,7 @@ impl CanSocket {
         // SAFETY: `headers` points to BATCH headers, whose pointers and lengths describe the
         // buffers of the same `batch`; all of them outlive the call, and since we hold
         // `&mut batch` nobody else looks at them meanwhile.
-        let taken =
-            unsafe { libc::recvmmsg(self.fd(), headers, count, flags, ptr::null_mut()) };
+        let taken = unsafe { libc::recvmmsg(self.fd(), headers, count, flags, ptr::null_mut()) };
         let filled = usize::try_from(checked(taken)?).unwrap_or(0);
         batch.fill(filled);
         Ok(filled)
@@ -180,6 +178,12 @@ impl CanSocket {
 impl AsRawFd for CanSocket {
     fn as_raw_fd(&self) -> RawFd {
         self.fd()
+    }
+}
+
+impl AsFd for CanSocket {
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        self.0.as_fd()
     }
 }
 

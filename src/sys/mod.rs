@@ -3,9 +3,11 @@
 mod can_batch;
 mod can_socket;
 mod clock;
-mod netlink;
 pub mod link;
+mod netlink;
+mod waiting;
 
 pub use can_batch::{CanBatch, RawMessage};
 pub use can_socket::CanSocket;
 pub use clock::SystemClock;
+pub use waiting::{OneDescriptor, Waiting};

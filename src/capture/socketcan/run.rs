@@ -1,0 +1,251 @@
+//! The life of a CAN bus in a recording: reading, outages, the end.
+
+use std::io;
+use std::time::Duration;
+
+use tokio::io::Interest;
+use tokio::time::Instant;
+
+use super::bitrate::{self, Rate};
+use super::pace::Pace;
+use super::port::Port;
+use super::reader::Reader;
+use super::wire::Wire;
+use super::{CanOptions, CanSettings, SocketCan, interfaces, open};
+use crate::capture::{CaptureError, Stop};
+use crate::frame::{Level, Timestamp};
+use crate::record::Inlet;
+use crate::sys::link::{self, Link, LinkWatch};
+use crate::sys::{CanBatch, Waiting};
+
+/// How often drops are counted and the link is looked at.
+const CHECK: Duration = Duration::from_secs(1);
+/// How often the link is looked for while it is down; mostly the kernel says so before.
+const CHECK_DOWN: Duration = Duration::from_millis(200);
+/// Bytes of the receive buffer that one frame takes, at most: 768 for a classic frame on a 64-bit
+/// machine, more for CAN FD with some drivers.
+const FRAME_BYTES: usize = 1024;
+/// Most reads in one check, so that a flood cannot keep it from ending.
+const READS: u32 = 64;
+
+/// No end to what is recorded.
+const FOREVER: Timestamp = Timestamp(u64::MAX);
+
+/// An interface that is being read.
+struct Capture {
+    settings: CanSettings,
+    options: CanOptions,
+    port: Port,
+    /// Of the interface that the socket is bound to.
+    index: u32,
+    batch: CanBatch,
+    reader: Reader,
+    pace: Pace,
+    watch: Option<Waiting<LinkWatch>>,
+    /// When the link was last known to be there.
+    known: Timestamp,
+    next_check: Instant,
+    /// A failure to come back is told once an outage.
+    told_failure: bool,
+}
+
+/// Reads the interface into `inlet` until `stop`, then what the kernel still holds.
+pub(super) async fn run(
+    source: SocketCan,
+    mut inlet: Inlet,
+    mut stop: Stop,
+) -> Result<(), CaptureError> {
+    for (level, text) in source.notices {
+        inlet.notice(level, text);
+    }
+    let name = source.settings.interface.clone();
+    let wire = Wire { rates: source.info.bitrate.zip(source.info.data_bitrate) };
+    let reader = Reader::new(&name, inlet, wire, source.options.hardware_timestamps);
+    let lost = |error: io::Error| CaptureError(format!("cannot read from {name}: {error}"));
+    let mut capture = Capture {
+        known: reader.inlet.timeline().now(),
+        port: Port::new(source.socket).map_err(lost)?,
+        index: source.info.index,
+        batch: CanBatch::new(),
+        reader,
+        pace: Pace::new(source.granted * 2 / FRAME_BYTES),
+        // Where it is not permitted, the checks find the link too, only later.
+        watch: LinkWatch::new().and_then(|w| Waiting::new(w, Interest::READABLE)).ok(),
+        next_check: Instant::now() + CHECK,
+        told_failure: false,
+        settings: source.settings,
+        options: source.options,
+    };
+    while capture.step(&mut stop).await.map_err(lost)? {}
+    if capture.reader.inlet.satisfied() {
+        return Ok(()); // What came after the last frame that was asked for does not matter.
+    }
+    capture.finish().map_err(lost)
+}
+
+impl Capture {
+    /// Waits for the next thing to do and does it. Returns false when it is time to finish.
+    async fn step(&mut self, stop: &mut Stop) -> io::Result<bool> {
+        tokio::select! {
+            biased;
+            () = stop.requested() => return Ok(false),
+            () = tokio::time::sleep_until(self.next_check) => self.check()?,
+            () = changed(self.watch.as_ref()) => self.check()?,
+            received = self.port.receive(&mut self.batch) => self.read(received)?,
+        }
+        Ok(!self.reader.inlet.satisfied())
+    }
+
+    /// Records what one read returned, and chooses how to wait for the next.
+    fn read(&mut self, received: io::Result<usize>) -> io::Result<()> {
+        match received {
+            Ok(count) => {
+                let now = self.reader.take(&self.batch, FOREVER).unwrap_or(self.known);
+                self.port.nap(self.pace.nap_after(count, now))
+            }
+            Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                self.pace.rest();
+                self.port.nap(false)
+            }
+            Err(error) => self.trouble(error).and_then(|()| self.check()),
+        }
+    }
+
+    /// Takes note that the link went away; any other error is the end of this source.
+    fn trouble(&mut self, error: io::Error) -> io::Result<()> {
+        match error.raw_os_error() {
+            Some(libc::ENETDOWN | libc::ENODEV) => self.reader.link_lost(self.known),
+            Some(libc::EINTR) => {}
+            _ => return Err(error),
+        }
+        Ok(())
+    }
+
+    /// Once a second, and whenever something about the link may have changed: reads all there is,
+    /// counts what was dropped behind it, and looks at the link.
+    fn check(&mut self) -> io::Result<()> {
+        // In this order a drop is either in front of a frame that is now read, or behind all.
+        let drops = self.port.socket().drops()?;
+        let now = self.reader.inlet.timeline().now();
+        if self.drain(FOREVER, READS)? {
+            self.reader.settle(drops, now);
+        }
+        match link::link(&self.settings.interface) {
+            Ok(link) => self.look_at(link)?,
+            Err(error) => self.tell_failure(&error),
+        }
+        let soon = if self.reader.is_down() { CHECK_DOWN } else { CHECK };
+        self.next_check = Instant::now() + soon;
+        Ok(())
+    }
+
+    /// Reads at most `reads` batches up to the moment `until`. True if there is nothing left.
+    fn drain(&mut self, until: Timestamp, reads: u32) -> io::Result<bool> {
+        for _ in 0..reads {
+            let before = self.reader.inlet.timeline().now();
+            match self.port.socket().receive(&mut self.batch) {
+                Ok(_) if self.reader.take(&self.batch, until).is_some() => {}
+                Ok(_) => return Ok(true),
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
+                    if !self.reader.is_down() {
+                        self.known = before;
+                    }
+                    return Ok(true);
+                }
+                Err(error) => self.trouble(error)?,
+            }
+        }
+        Ok(false)
+    }
+
+    fn look_at(&mut self, link: Option<Link>) -> io::Result<()> {
+        let name = &self.settings.interface;
+        let Some(link) = link else {
+            let text = format!("{name} is gone: recording goes on when it is back");
+            self.down(text);
+            return Ok(());
+        };
+        if link.index != self.index {
+            // The name belongs to another interface now; what ours may still receive was not
+            // asked for.
+            let text = format!("{name} was removed and made again");
+            self.down(text);
+            return self.move_to(link);
+        }
+        if !link.up {
+            let text = format!("{name} is down: recording goes on when it is up");
+            self.down(text);
+        } else if self.reader.is_down() {
+            // The first frame after the outage says more exactly when it ended.
+            let now = self.reader.inlet.timeline().now();
+            self.drain(FOREVER, READS)?;
+            self.reader.link_up(now);
+            self.known = now;
+            self.told_failure = false;
+        }
+        Ok(())
+    }
+
+    fn down(&mut self, text: String) {
+        if self.reader.link_down(self.known) {
+            self.reader.inlet.notice(Level::Warning, text);
+        }
+    }
+
+    /// Listens to an interface that has taken the name. Bound before it is up, so that its first
+    /// frame is not missed.
+    fn move_to(&mut self, link: Link) -> io::Result<()> {
+        match open::again(&self.settings, &self.options, link.index) {
+            Ok(socket) => self.port = Port::new(socket)?,
+            Err(error) => {
+                self.tell_failure(&error);
+                return Ok(());
+            }
+        }
+        self.index = link.index;
+        self.reader.new_socket();
+        if !link.up {
+            self.set_rate(&link);
+        }
+        let link = link::link(&self.settings.interface)?.filter(|now| now.index == self.index);
+        if link.is_some() { self.look_at(link) } else { Ok(()) }
+    }
+
+    /// An adapter that was plugged in again has forgotten its bit rate.
+    fn set_rate(&mut self, link: &Link) {
+        match bitrate::ensure(&self.settings, &interfaces::describe(link.clone())) {
+            Ok(Rate::Set(text)) => self.reader.inlet.notice(Level::Info, text),
+            Ok(Rate::AsAsked | Rate::Ignored(_)) => {}
+            Err(error) => self.reader.inlet.notice(Level::Warning, error.to_string()),
+        }
+    }
+
+    fn tell_failure(&mut self, error: &io::Error) {
+        if !self.told_failure {
+            self.told_failure = true;
+            let text = format!("cannot listen to {} again: {error}", self.settings.interface);
+            self.reader.inlet.notice(Level::Warning, text);
+        }
+    }
+
+    /// Reads what was received up to now, and counts what was dropped up to now.
+    fn finish(&mut self) -> io::Result<()> {
+        let end = self.reader.inlet.timeline().now();
+        let drops = self.port.socket().drops()?;
+        // Bounded by what was received before `end`, which the kernel has already queued.
+        while !self.drain(end, READS)? {}
+        self.reader.settle(drops, end);
+        self.reader.finish(end);
+        Ok(())
+    }
+}
+
+/// Returns when some link has changed.
+async fn changed(watch: Option<&Waiting<LinkWatch>>) {
+    let Some(watch) = watch else { return std::future::pending().await };
+    // `clear` reads up to WouldBlock; another error means that the runtime shuts down.
+    match watch.act(Interest::READABLE, LinkWatch::clear).await {
+        Err(error) if error.kind() != io::ErrorKind::WouldBlock => std::future::pending().await,
+        _ => {}
+    }
+}

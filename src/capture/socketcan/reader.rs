@@ -19,6 +19,9 @@ pub(super) struct Reader {
     frames: Vec<Stamped<Frame>>,
     drops: Drops,
     outage: Option<Outage>,
+    /// Told after the frames that are in hand, so that nothing in the recording goes back.
+    news: Option<String>,
+    /// When reading began.
     began: Timestamp,
     /// When the last frame was received.
     last: Option<Timestamp>,
@@ -68,6 +71,7 @@ impl Reader {
             frames: Vec::new(),
             drops: Drops::default(),
             outage: None,
+            news: None,
             began,
             last: None,
             told_hardware: false,
@@ -103,6 +107,7 @@ impl Reader {
         }
         self.inlet.tally().bits(bits);
         self.flush();
+        self.tell_news();
         (!ended).then_some(now)
     }
 
@@ -148,8 +153,14 @@ impl Reader {
         self.inlet.gap(GapReason::LinkDown, 0, outage.from, to);
         let millis = to.since(outage.from).div_ceil(1_000_000);
         let (name, seconds, rest) = (&self.name, millis / 1_000, millis % 1_000);
-        let text = format!("{name} is up again: nothing recorded for {seconds}.{rest:03} s");
-        self.inlet.notice(Level::Info, text);
+        self.news = Some(format!("{name} is up again: nothing recorded for {seconds}.{rest:03} s"));
+    }
+
+    /// What happened to the link, if that has not been told yet.
+    pub(super) fn tell_news(&mut self) {
+        if let Some(text) = self.news.take() {
+            self.inlet.notice(Level::Info, text);
+        }
     }
 
     /// True while the link is not known to be there.

@@ -6,7 +6,7 @@ use super::wire::Wire;
 use crate::clock::Stamper;
 use crate::frame::{CanFlags, Frame, GapReason, Level, Stamped, Timestamp};
 use crate::record::Inlet;
-use crate::sys::CanBatch;
+use crate::sys::RawMessage;
 
 /// Puts what is read from one interface into the recording.
 pub(super) struct Reader {
@@ -79,13 +79,17 @@ impl Reader {
         }
     }
 
-    /// Records what was just read into `batch`, up to the moment `until`. Returns the time now,
-    /// or `None` if there was something later than `until`.
-    pub(super) fn take(&mut self, batch: &CanBatch, until: Timestamp) -> Option<Timestamp> {
+    /// Records what was just read, up to the moment `until`. Returns the time now, or `None` if
+    /// there was something later than `until`.
+    pub(super) fn take<'a>(
+        &mut self,
+        messages: impl Iterator<Item = RawMessage<'a>>,
+        until: Timestamp,
+    ) -> Option<Timestamp> {
         let now = self.stamper.begin_read();
         let mut bits = 0;
         let mut ended = false;
-        for message in batch.messages() {
+        for message in messages {
             let Some(message) = decode(message) else {
                 self.tell_foreign();
                 continue;
@@ -223,3 +227,6 @@ impl Reader {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

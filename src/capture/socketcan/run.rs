@@ -55,12 +55,9 @@ struct Capture {
 /// Reads the interface into `inlet` until `stop`, then what the kernel still holds.
 pub(super) async fn run(
     source: SocketCan,
-    mut inlet: Inlet,
+    inlet: Inlet,
     mut stop: Stop,
 ) -> Result<(), CaptureError> {
-    for (level, text) in source.notices {
-        inlet.notice(level, text);
-    }
     let name = source.settings.interface.clone();
     let wire = Wire { rates: source.info.bitrate.zip(source.info.data_bitrate) };
     let reader = Reader::new(&name, inlet, wire, source.options.hardware_timestamps);
@@ -79,6 +76,11 @@ pub(super) async fn run(
         settings: source.settings,
         options: source.options,
     };
+    // What was received since the opening is older than what is said now.
+    capture.check().map_err(lost)?;
+    for (level, text) in source.notices {
+        capture.reader.inlet.notice(level, text);
+    }
     while capture.step(&mut stop).await.map_err(lost)? {}
     if capture.reader.inlet.satisfied() {
         return Ok(()); // What came after the last frame that was asked for does not matter.
@@ -103,7 +105,7 @@ impl Capture {
     fn read(&mut self, received: io::Result<usize>) -> io::Result<()> {
         match received {
             Ok(count) => {
-                let now = self.reader.take(&self.batch, FOREVER).unwrap_or(self.known);
+                let now = self.reader.take(self.batch.messages(), FOREVER).unwrap_or(self.known);
                 self.port.nap(self.pace.nap_after(count, now))
             }
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
@@ -147,7 +149,7 @@ impl Capture {
         for _ in 0..reads {
             let before = self.reader.inlet.timeline().now();
             match self.port.socket().receive(&mut self.batch) {
-                Ok(_) if self.reader.take(&self.batch, until).is_some() => {}
+                Ok(_) if self.reader.take(self.batch.messages(), until).is_some() => {}
                 Ok(_) => return Ok(true),
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
                     if !self.reader.is_down() {

@@ -6,7 +6,7 @@ use super::wire::Wire;
 use crate::clock::Stamper;
 use crate::frame::{CanFlags, Frame, GapReason, Level, Stamped, Timestamp};
 use crate::record::Inlet;
-use crate::sys::CanBatch;
+use crate::sys::RawMessage;
 
 /// Puts what is read from one interface into the recording.
 pub(super) struct Reader {
@@ -19,6 +19,9 @@ pub(super) struct Reader {
     frames: Vec<Stamped<Frame>>,
     drops: Drops,
     outage: Option<Outage>,
+    /// Told after the frames that are in hand, so that nothing in the recording goes back.
+    news: Option<String>,
+    /// When reading began.
     began: Timestamp,
     /// When the last frame was received.
     last: Option<Timestamp>,
@@ -68,6 +71,7 @@ impl Reader {
             frames: Vec::new(),
             drops: Drops::default(),
             outage: None,
+            news: None,
             began,
             last: None,
             told_hardware: false,
@@ -75,13 +79,17 @@ impl Reader {
         }
     }
 
-    /// Records what was just read into `batch`, up to the moment `until`. Returns the time now,
-    /// or `None` if there was something later than `until`.
-    pub(super) fn take(&mut self, batch: &CanBatch, until: Timestamp) -> Option<Timestamp> {
+    /// Records what was just read, up to the moment `until`. Returns the time now, or `None` if
+    /// there was something later than `until`.
+    pub(super) fn take<'a>(
+        &mut self,
+        messages: impl Iterator<Item = RawMessage<'a>>,
+        until: Timestamp,
+    ) -> Option<Timestamp> {
         let now = self.stamper.begin_read();
         let mut bits = 0;
         let mut ended = false;
-        for message in batch.messages() {
+        for message in messages {
             let Some(message) = decode(message) else {
                 self.tell_foreign();
                 continue;
@@ -103,6 +111,7 @@ impl Reader {
         }
         self.inlet.tally().bits(bits);
         self.flush();
+        self.tell_news();
         (!ended).then_some(now)
     }
 
@@ -148,8 +157,14 @@ impl Reader {
         self.inlet.gap(GapReason::LinkDown, 0, outage.from, to);
         let millis = to.since(outage.from).div_ceil(1_000_000);
         let (name, seconds, rest) = (&self.name, millis / 1_000, millis % 1_000);
-        let text = format!("{name} is up again: nothing recorded for {seconds}.{rest:03} s");
-        self.inlet.notice(Level::Info, text);
+        self.news = Some(format!("{name} is up again: nothing recorded for {seconds}.{rest:03} s"));
+    }
+
+    /// What happened to the link, if that has not been told yet.
+    pub(super) fn tell_news(&mut self) {
+        if let Some(text) = self.news.take() {
+            self.inlet.notice(Level::Info, text);
+        }
     }
 
     /// True while the link is not known to be there.
@@ -212,3 +227,6 @@ impl Reader {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

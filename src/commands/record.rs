@@ -16,7 +16,7 @@ use crate::capture::socketcan::CanOptions;
 use crate::capture::{BusFacts, Source, Stop};
 use crate::cli::RecordArgs;
 use crate::clock::Timeline;
-use crate::frame::Unit;
+use crate::frame::{Level, Notice, Unit};
 use crate::record::{
     Allowance, BusIndex, Inlet, Outcome, Pace, Progress, Queue, REASONS, RecordedBus, Recorder,
     Segments, Split, Tally, Target, Totals, reason_name, unit_name,
@@ -216,6 +216,7 @@ pub async fn record(buses: Vec<Bus>, plan: &Plan) -> Result<Recorded> {
     drop(local);
     queue.close();
     let outcome = tokio::task::spawn_blocking(move || writer.join()).await?;
+    watch.tell(&progress.take().notices);
     watch.status.clear();
     let errors = watch.errors;
     let Ok(outcome) = outcome else { bail!("the writer has failed; the file is not finished") };
@@ -296,16 +297,23 @@ impl Watch<'_> {
                 },
                 _ = tick.tick() => {
                     let state = self.progress.take();
-                    for notice in &state.notices {
-                        self.status.clear();
-                        output::warning(notice);
-                    }
+                    self.tell(&state.notices);
                     if state.failed {
                         return "write error";
                     }
                     let totals: Vec<Totals> = self.tallies.iter().map(|t| t.totals()).collect();
                     self.status.show(started, self.timeline.now(), &totals, &state);
                 }
+            }
+        }
+    }
+
+    fn tell(&mut self, notices: &[Notice]) {
+        for notice in notices {
+            self.status.clear();
+            match notice.level {
+                Level::Info => output::note(&notice.text),
+                Level::Warning | Level::Error => output::warning(&notice.text),
             }
         }
     }

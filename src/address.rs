@@ -1,6 +1,6 @@
 //! Addresses of buses, as written on the command line: `[NAME=]ADDRESS`.
 
-use crate::capture::serial::{Bridge, Listen, PtySource, SerialAddress};
+use crate::capture::serial::SerialAddress;
 use crate::capture::slcan::{Slcan, SlcanAddress};
 use crate::capture::socketcan::{CanOptions, CanSettings, SocketCan};
 use crate::capture::{CaptureError, Source};
@@ -63,26 +63,13 @@ impl BusSpec {
         match &self.address {
             Address::Can(settings) => SocketCan::open(settings, can),
             Address::Slcan(address) => Ok(Box::new(Slcan::open(address.clone())?)),
-            Address::Serial(address) => open_serial(address.clone()),
+            Address::Serial(address) => address.clone().open(),
             Address::SimulatedStation => Ok(Box::new(SimulatedCan::new(SEED, DEMO_TIME_SCALE))),
             Address::SimulatedRectifier => {
                 Ok(Box::new(SimulatedRectifier::new(SEED, DEMO_TIME_SCALE)))
             }
         }
     }
-}
-
-fn open_serial(address: SerialAddress) -> Result<Box<dyn Source>, CaptureError> {
-    Ok(match address {
-        SerialAddress::Port { path, settings } => Box::new(Listen::port(path, settings)?),
-        SerialAddress::Tap { device, host, settings } => {
-            Box::new(Listen::tap(device, host, settings)?)
-        }
-        SerialAddress::Bridge { path, settings, link } => {
-            Box::new(Bridge::open(path, settings, link)?)
-        }
-        SerialAddress::Pty { link } => Box::new(PtySource::open(link)?),
-    })
 }
 
 impl Address {

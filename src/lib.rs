@@ -1,5 +1,10 @@
 //! bustape: a flight recorder for field buses.
 
+#![cfg_attr(
+    test,
+    allow(clippy::cast_possible_truncation, clippy::panic_in_result_fn, reason = "tests")
+)]
+
 pub mod address;
 pub mod capture;
 pub mod cli;

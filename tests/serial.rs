@@ -1,5 +1,14 @@
 //! Serial capture, driven through real pseudo-terminals.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::panic_in_result_fn,
+    clippy::cast_possible_truncation,
+    reason = "a test that cannot go on fails by panicking"
+)]
+
 mod rig;
 
 use std::fs::{self, File, OpenOptions};

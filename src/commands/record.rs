@@ -201,12 +201,12 @@ pub async fn record(buses: Vec<Bus>, plan: &Plan) -> Result<Recorded> {
     };
     let ended =
         local.run_until(watch.until_end(&mut sources, &mut signals, plan, &allowance)).await;
-    *reason.lock().unwrap_or_else(PoisonError::into_inner) = ended.to_owned();
+    ended.clone_into(&mut reason.lock().unwrap_or_else(PoisonError::into_inner));
     switch.send(true).ok();
     // Each takes what the kernel still holds. None of them may hold up the end for long.
     let drained = async {
         while let Some(ended) = sources.join_next().await {
-            watch.note(ended)
+            watch.note(ended);
         }
     };
     if tokio::time::timeout(Duration::from_secs(3), local.run_until(drained)).await.is_err() {
@@ -396,7 +396,7 @@ fn report_text(out: &mut impl std::io::Write, recorded: &Recorded) -> Result<()>
         writeln!(out)?;
     }
     for file in recorded.files() {
-        let bytes = std::fs::metadata(file).map(|m| m.len()).unwrap_or(0);
+        let bytes = std::fs::metadata(file).map_or(0, |m| m.len());
         writeln!(out, "{} ({})", file.display(), crate::text::size(bytes))?;
     }
     Ok(())

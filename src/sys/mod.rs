@@ -1,5 +1,11 @@
 //! System calls. The only place with unsafe code; every unsafe block says why it is sound.
 
+#![allow(unsafe_code, reason = "this is the one place for it")]
+#![allow(
+    clippy::cast_possible_truncation,
+    reason = "constants and sizes of the kernel's structures"
+)]
+
 mod can_batch;
 mod can_socket;
 mod clock;

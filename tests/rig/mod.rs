@@ -73,7 +73,7 @@ impl Recorder {
             let before = thread_cpu();
             let result = runtime.block_on(source.run(inlet, stop)).map_err(|e| e.to_string());
             closing.close();
-            (result, thread_cpu() - before)
+            (result, thread_cpu().checked_sub(before).unwrap())
         });
         opened.recv().expect("the source opens");
         let (from, into) = (Arc::clone(&queue), Arc::clone(&taken));

@@ -4,6 +4,15 @@
 //! `vcan0` and `vcan1` exist: see `tests/lab/README.md`. When that is impossible it fails; with
 //! `BUSTAPE_NO_VCAN=1` it says that nothing was tested.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::panic_in_result_fn,
+    clippy::cast_possible_truncation,
+    reason = "a test that cannot go on fails by panicking"
+)]
+
 mod frames;
 mod lab;
 mod links;

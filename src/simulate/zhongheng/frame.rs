@@ -60,6 +60,7 @@ impl Control {
     }
 
     /// The control byte of the answer `link` to this one: same sequence bit.
+    #[must_use]
     pub fn answer(self, link: u8) -> Self {
         Self(Self::SLAVE | self.sequence() | link)
     }

@@ -183,7 +183,7 @@ fn the_cut_of_the_bytes_does_not_matter() {
     let mut said = Vec::new();
     for cut in [1, 3, 1000] {
         let mut slave = Slave::new(1, 9, 1.0);
-        let requests: Vec<u8> = [0x40_7E_u16, 0x00_64, 0x41_4B]
+        let requests: Vec<u8> = [0x407E_u16, 0x0064, 0x414B]
             .into_iter()
             .flat_map(|id| {
                 let data = id.to_be_bytes().to_vec();
@@ -314,7 +314,10 @@ fn check_ranges(plant: &Plant, context: &str) {
     }
     let phase = plant.phase(1);
     assert!(phase == 0.0 || (190.0..250.0).contains(&phase), "phase is {phase} {context}");
-    let sum: f64 = (0..RECTIFIERS).filter_map(|i| plant.rectifier(i)).map(|r| r.current()).sum();
+    let sum: f64 = (0..RECTIFIERS)
+        .filter_map(|i| plant.rectifier(i))
+        .map(super::rectifier::Rectifier::current)
+        .sum();
     assert!((sum - plant.rectifier_current()).abs() < 0.06 * sum + 0.01, "{sum} A {context}");
     let battery = plant.rectifier_current() - plant.load_current();
     assert!((battery - plant.battery().current()).abs() < 1e-9, "currents {context}");

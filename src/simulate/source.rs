@@ -135,13 +135,14 @@ pub(super) mod tests {
     fn a_stop_ends_the_source_at_once() {
         let queue = Queue::new(1 << 20);
         let timeline = Timeline::start(Arc::new(Ticking(std::time::Instant::now())));
-        let (tally, allowance) = (Arc::new(Tally::default()), Allowance::new(None));
-        let inlet = Inlet::new(0, Unit::Frames, queue, tally, allowance, timeline);
+        let (tally, allowance) = (Arc::new(Tally::default()), Allowance::new(Some(1000)));
+        let inlet = Inlet::new(0, Unit::Frames, queue, tally.clone(), allowance, timeline);
         let (switch, stop) = Stop::new();
         switch.send_replace(true);
         let runtime =
             tokio::runtime::Builder::new_current_thread().enable_all().build().expect("no runtime");
         let running = Box::new(SimulatedCan::new(1, 1.0)).run(inlet, stop);
         runtime.block_on(running).expect("the source failed");
+        assert!(tally.totals().received < 1000, "it went on until --count was reached");
     }
 }

@@ -32,8 +32,9 @@ enum Address {
     SimulatedRectifier,
 }
 
-/// Every simulation is the same each time, so that two people see the same recording.
-const SEED: u64 = 1;
+/// The same for everybody, so that two people see the same recording. This one has clouds, a
+/// mains failure and a generator start in its first minute.
+const SEED: u64 = 13;
 
 /// What a bus argument got wrong. The text is the whole sentence.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]

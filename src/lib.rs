@@ -2,7 +2,13 @@
 
 #![cfg_attr(
     test,
-    allow(clippy::cast_possible_truncation, clippy::panic_in_result_fn, reason = "tests")
+    allow(
+        clippy::cast_possible_truncation,
+        clippy::naive_bytecount,
+        clippy::panic_in_result_fn,
+        clippy::unused_self,
+        reason = "tests say what they mean the short way"
+    )
 )]
 
 pub mod address;

@@ -6,6 +6,8 @@
     clippy::panic,
     clippy::panic_in_result_fn,
     clippy::cast_possible_truncation,
+    clippy::large_stack_arrays,
+    clippy::naive_bytecount,
     reason = "a test that cannot go on fails by panicking"
 )]
 

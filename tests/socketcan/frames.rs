@@ -201,7 +201,7 @@ fn ports() -> Result<(), Failed> {
     let listed: serde_json::Value = serde_json::from_slice(&output.stdout)?;
     let kind_and_state = |name: &str| {
         let all = listed["can"].as_array().into_iter().flatten();
-        let found = all.filter(|interface| interface["name"] == name).next();
+        let found = all.into_iter().find(|interface| interface["name"] == name);
         found.map(|i| (i["kind"].to_string(), i["state"].to_string()))
     };
     let quoted = |a: &str, b: &str| Some((format!("\"{a}\""), format!("\"{b}\"")));

@@ -45,7 +45,9 @@ pub fn text(bytes: &[u8]) -> String {
 pub struct Recorder {
     child: Child,
     pub file: PathBuf,
-    _folder: tempfile::TempDir,
+    /// Holds the file, and goes with it.
+    #[allow(dead_code, reason = "kept for its drop")]
+    folder: tempfile::TempDir,
 }
 
 /// How a recording ended.
@@ -55,7 +57,9 @@ pub struct Recorded {
     pub report: Value,
     pub stderr: String,
     pub file: PathBuf,
-    _folder: tempfile::TempDir,
+    /// Holds the file, and goes with it.
+    #[allow(dead_code, reason = "kept for its drop")]
+    folder: tempfile::TempDir,
 }
 
 impl Recorder {
@@ -71,7 +75,7 @@ impl Recorder {
             .stderr(Stdio::piped())
             .spawn()
             .expect("bustape runs");
-        let recorder = Self { child, file, _folder: folder };
+        let recorder = Self { child, file, folder };
         let part = recorder.file.with_extension("mcap.part");
         wait_until("the recording begins", || part.exists());
         // The sockets are bound before the file is made, so nothing sent from now on is missed.
@@ -106,7 +110,7 @@ impl Recorder {
         let report = serde_json::from_slice(&output.stdout)
             .unwrap_or_else(|error| panic!("{error}: {} {stderr}", text(&output.stdout)));
         let code = output.status.code();
-        Recorded { code, report, stderr, file: self.file, _folder: self._folder }
+        Recorded { code, report, stderr, file: self.file, folder: self.folder }
     }
 }
 

@@ -10,6 +10,7 @@
     clippy::panic,
     clippy::panic_in_result_fn,
     clippy::cast_possible_truncation,
+    clippy::unnecessary_wraps,
     reason = "a test that cannot go on fails by panicking"
 )]
 

@@ -218,7 +218,7 @@ mod tests {
         for escaping in [Escaping::Minimal, Escaping::Full] {
             let line = frame.encode(escaping);
             assert_eq!(line.iter().filter(|byte| **byte == START).count(), 1);
-            assert_eq!(deframe(&line), [frame.clone()]);
+            assert_eq!(deframe(&line), std::slice::from_ref(&frame));
         }
     }
 

@@ -196,6 +196,7 @@ pub async fn record(buses: Vec<Bus>, plan: &Plan) -> Result<Recorded> {
         timeline: &timeline,
         progress: &progress,
         tallies: &tallies,
+        writer: &writer,
         status: StatusLine::new(),
         errors: Vec::new(),
     };
@@ -215,10 +216,10 @@ pub async fn record(buses: Vec<Bus>, plan: &Plan) -> Result<Recorded> {
     drop(sources);
     drop(local);
     queue.close();
+    let (mut status, errors) = (watch.status, watch.errors);
     let outcome = tokio::task::spawn_blocking(move || writer.join()).await?;
-    watch.tell(&progress.take().notices);
-    watch.status.clear();
-    let errors = watch.errors;
+    tell(&mut status, &progress.take().notices);
+    status.clear();
     let Ok(outcome) = outcome else { bail!("the writer has failed; the file is not finished") };
     Ok(Recorded { buses: units, outcome, errors, reason: ended.to_owned() })
 }
@@ -262,6 +263,7 @@ struct Watch<'a> {
     timeline: &'a Timeline,
     progress: &'a Progress,
     tallies: &'a [Arc<Tally>],
+    writer: &'a std::thread::JoinHandle<Outcome>,
     status: StatusLine,
     errors: Vec<String>,
 }
@@ -297,23 +299,14 @@ impl Watch<'_> {
                 },
                 _ = tick.tick() => {
                     let state = self.progress.take();
-                    self.tell(&state.notices);
-                    if state.failed {
+                    tell(&mut self.status, &state.notices);
+                    // A writer that panicked must not leave capture filling the queue for months.
+                    if state.failed || self.writer.is_finished() {
                         return "write error";
                     }
                     let totals: Vec<Totals> = self.tallies.iter().map(|t| t.totals()).collect();
                     self.status.show(started, self.timeline.now(), &totals, &state);
                 }
-            }
-        }
-    }
-
-    fn tell(&mut self, notices: &[Notice]) {
-        for notice in notices {
-            self.status.clear();
-            match notice.level {
-                Level::Info => output::note(&notice.text),
-                Level::Warning | Level::Error => output::warning(&notice.text),
             }
         }
     }
@@ -327,6 +320,16 @@ impl Watch<'_> {
         self.status.clear();
         output::warning(&error);
         self.errors.push(error);
+    }
+}
+
+fn tell(status: &mut StatusLine, notices: &[Notice]) {
+    for notice in notices {
+        status.clear();
+        match notice.level {
+            Level::Info => output::note(&notice.text),
+            Level::Warning | Level::Error => output::warning(&notice.text),
+        }
     }
 }
 
@@ -371,8 +374,8 @@ pub fn report(recorded: &Recorded, as_json: bool) -> Result<Ended> {
     if !recorded.errors.is_empty() {
         return Ok(Ended::WithLoss);
     }
-    let lost: u64 = recorded.outcome.totals.iter().map(Totals::lost).sum();
-    Ok(if lost == 0 { Ended::Well } else { Ended::WithLoss })
+    let complete = recorded.outcome.totals.iter().all(Totals::complete);
+    Ok(if complete { Ended::Well } else { Ended::WithLoss })
 }
 
 fn report_text(out: &mut impl std::io::Write, recorded: &Recorded) -> Result<()> {
@@ -392,6 +395,9 @@ fn report_text(out: &mut impl std::io::Write, recorded: &Recorded) -> Result<()>
             .collect();
         if !reasons.is_empty() {
             write!(out, " ({})", reasons.join(", "))?;
+        }
+        if totals.outages > 0 {
+            write!(out, "; away {} times, for which nobody knows the number", totals.outages)?;
         }
         writeln!(out)?;
     }
@@ -416,6 +422,7 @@ fn report_json(recorded: &Recorded) -> serde_json::Value {
                 "written": totals.written,
                 "dropped": totals.lost(),
                 "dropped_by_reason": dropped,
+            "outages": totals.outages,
             })
         });
     json!({

@@ -26,16 +26,23 @@ fn a_kill_at_any_moment_leaves_a_file_that_can_be_read_and_finished() {
         let (path, terminal) = (folder.join("a.mcap"), folder.join("tty"));
         let layout = ["frame", "batch"][run % 2];
         let running = start(args(&[
-            &"record", &"sim:hmi-can", &format!("line=pty:{}", terminal.display()), &"-o", &path,
-            &"--layout", &layout,
+            &"record",
+            &"sim:hmi-can",
+            &format!("line=pty:{}", terminal.display()),
+            &"-o",
+            &path,
+            &"--layout",
+            &layout,
         ]));
         let sent = noise(run as u64, 1 << 20);
         let mut line = open(&terminal);
         std::thread::scope(|scope| {
-            scope.spawn(|| sent.chunks(997).try_for_each(|piece| {
-                std::thread::sleep(Duration::from_millis(3));
-                line.write_all(piece)
-            }));
+            scope.spawn(|| {
+                sent.chunks(997).try_for_each(|piece| {
+                    std::thread::sleep(Duration::from_millis(3));
+                    line.write_all(piece)
+                })
+            });
             std::thread::sleep(Duration::from_millis(moment));
             running.kill();
         });
@@ -134,8 +141,15 @@ fn no_write_is_a_bad_one_to_die_in() {
             &["trace=write", &inject],
             &[&part],
             args(&[
-                &"record", &"sim:hmi-can", &"sim:zhongheng-09", &"-o", &path, &"--chunk-time",
-                &"20ms", &"--layout", &["frame", "batch"][write % 2],
+                &"record",
+                &"sim:hmi-can",
+                &"sim:zhongheng-09",
+                &"-o",
+                &path,
+                &"--chunk-time",
+                &"20ms",
+                &"--layout",
+                &["frame", "batch"][write % 2],
             ]),
         );
         let ran = running.wait();

@@ -22,7 +22,8 @@ pub fn balanced(ran: &Ran, file: &Mcap) {
     for bus in ran.json()["buses"].as_array().unwrap() {
         let name = bus["bus"].as_str().unwrap();
         let number = |key: &str| bus[key].as_u64().unwrap();
-        let (received, written, dropped) = (number("received"), number("written"), number("dropped"));
+        let (received, written, dropped) =
+            (number("received"), number("written"), number("dropped"));
         assert_eq!(received, written + dropped, "{bus}");
         for key in ["received", "written", "dropped"] {
             assert_eq!(summary[&format!("{name}.{key}")], number(key).to_string(), "{bus}");
@@ -129,7 +130,8 @@ fn the_reference_readers_find_the_same_in_a_file() {
             assert_eq!(node.count(name), *count, "{name}");
         }
         let start = file.messages.iter().map(|m| m.time).min();
-        let first = messages::raw(&file, BUSES[0]).into_iter().chain(messages::raw(&file, BUSES[1]));
+        let first =
+            messages::raw(&file, BUSES[0]).into_iter().chain(messages::raw(&file, BUSES[1]));
         assert_eq!(first.map(|(time, _)| time).min(), start);
         assert_eq!(node.file["statistics"]["message_start_time"].as_u64(), start);
         assert_eq!(python.file["statistics"]["message_start_time"].as_u64(), start);
@@ -210,7 +212,13 @@ fn every_way_to_stop_it_ends_with_a_finished_file() {
         let path = folder.path().join(format!("{signal}-{layout}.mcap"));
         let part = folder.path().join(format!("{signal}-{layout}.mcap.part"));
         let running = start(args(&[
-            &"record", &"sim:hmi-can", &"sim:zhongheng-09", &"--json", &"--layout", &layout, &"-o",
+            &"record",
+            &"sim:hmi-can",
+            &"sim:zhongheng-09",
+            &"--json",
+            &"--layout",
+            &layout,
+            &"-o",
             &path,
         ]));
         until("frames in the file", || {
@@ -231,7 +239,8 @@ fn every_way_to_stop_it_ends_with_a_finished_file() {
 fn the_totals_are_printed_for_a_person_too() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
-    let ran = bustape(args(&[&"record", &"can=sim:hmi-can", &"-o", &path, &"--count", &"9"])).expect(0);
+    let ran =
+        bustape(args(&[&"record", &"can=sim:hmi-can", &"-o", &path, &"--count", &"9"])).expect(0);
     assert!(ran.out.starts_with("can: received 9 = written 9 + dropped 0 frames\n"), "{}", ran.out);
     assert!(ran.out.contains(path.to_str().unwrap()), "{}", ran.out);
     assert_eq!(ran.err, "");

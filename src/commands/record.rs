@@ -205,7 +205,9 @@ impl Desk {
             let index = BusIndex::try_from(number).context("too many buses")?;
             let (queue, tally) = (self.queue.clone(), self.tallies[number].clone());
             let (unit, timeline) = (self.units[number].1, self.timeline.clone());
-            let inlet = Inlet::new(index, unit, queue, tally, allowance.clone(), timeline);
+            let facts = source.facts();
+            let inlet = Inlet::new(index, unit, queue, tally, allowance.clone(), timeline)
+                .at_rates(facts.bitrate, facts.data_bitrate);
             let stop = stop.clone();
             let run = async move {
                 let ended = source.run(inlet, stop).await;

@@ -10,7 +10,6 @@ use super::bitrate::{self, Rate};
 use super::pace::Pace;
 use super::port::Port;
 use super::reader::Reader;
-use super::wire::Wire;
 use super::{CanOptions, CanSettings, SocketCan, interfaces, open};
 use crate::capture::{CaptureError, Stop};
 use crate::frame::{Level, Timestamp};
@@ -59,8 +58,7 @@ pub(super) async fn run(
     mut stop: Stop,
 ) -> Result<(), CaptureError> {
     let name = source.settings.interface.clone();
-    let wire = Wire { rates: source.info.bitrate.zip(source.info.data_bitrate) };
-    let reader = Reader::new(&name, inlet, wire, source.options.hardware_timestamps);
+    let reader = Reader::new(&name, inlet, source.options.hardware_timestamps);
     let lost = |error: io::Error| CaptureError(format!("cannot read from {name}: {error}"));
     let mut capture = Capture {
         known: reader.inlet.timeline().now(),

@@ -25,7 +25,7 @@ use crate::recording::container::Facts;
 use crate::recording::disk::RealDisk;
 use crate::recording::writer::WriterOptions;
 use crate::sys::SystemClock;
-use crate::text::grouped;
+use crate::text::{grouped, printable, printable_json, size};
 
 /// Runs the command.
 pub fn run(args: &RecordArgs) -> Result<Ended> {
@@ -360,7 +360,7 @@ impl Signals {
 pub fn report(recorded: &Recorded, as_json: bool) -> Result<Ended> {
     let mut out = output::stdout();
     if as_json {
-        writeln!(out, "{}", report_json(recorded))?;
+        writeln!(out, "{}", printable_json(&report_json(recorded).to_string()))?;
     } else {
         report_text(&mut out, recorded)?;
     }
@@ -397,7 +397,7 @@ fn report_text(out: &mut impl std::io::Write, recorded: &Recorded) -> Result<()>
     }
     for file in recorded.files() {
         let bytes = std::fs::metadata(file).map_or(0, |m| m.len());
-        writeln!(out, "{} ({})", file.display(), crate::text::size(bytes))?;
+        writeln!(out, "{} ({})", printable(&file.display().to_string()), size(bytes))?;
     }
     Ok(())
 }

@@ -77,7 +77,10 @@ impl<'a> Printer<'a> {
     fn put_text(&mut self, entry: &Stamped<Entry>) {
         let line = &mut self.line;
         let mut time = Vec::new();
-        self.clock.put(&mut time, entry.time);
+        // What is printed without a time is not a line that the next delta counts from.
+        if !matches!(entry.value, Entry::Frame(_, Frame::Gap(_) | Frame::Notice(_))) {
+            self.clock.put(&mut time, entry.time);
+        }
         match &entry.value {
             Entry::Frame(bus, Frame::Can(frame)) => {
                 line.extend_from_slice(&time);

@@ -34,6 +34,17 @@ pub enum Entry {
     },
 }
 
+impl Entry {
+    /// The order of things at the same time: a batch cannot tell how its frames stood among the
+    /// messages around it, so that neither layout is read by where they stand.
+    fn rank(&self) -> (usize, bool) {
+        match self {
+            Self::Frame(bus, frame) => (*bus, !matches!(frame, Frame::Gap(_))),
+            Self::Message { .. } => (usize::MAX, true),
+        }
+    }
+}
+
 impl Recording {
     /// Opens files; a folder stands for all recordings in it.
     pub fn open(paths: &[PathBuf]) -> Result<Self, ReadError> {
@@ -189,7 +200,7 @@ impl Entries<'_> {
             let path = self.recording.segments[segment].path.display();
             self.damage.push(format!("{path}: a chunk ends in the middle of a record"));
         }
-        self.ready.sort_by_key(|entry| entry.time);
+        self.ready.sort_by_key(|entry| (entry.time, entry.value.rank()));
         self.ready.reverse();
     }
 

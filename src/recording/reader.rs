@@ -54,7 +54,7 @@ impl Recording {
                 segments.push(Segment::open(&file)?);
             }
         }
-        segments.sort_by_key(|segment| segment.statistics.span.0);
+        segments.sort_by_key(started);
         let mut buses: Vec<String> = Vec::new();
         for name in segments.iter().flat_map(bus_names) {
             if !buses.contains(&name) {
@@ -247,6 +247,13 @@ impl Iterator for Entries<'_> {
         self.load();
         self.ready.pop()
     }
+}
+
+/// When a segment begins: its first message, or, if it has none, when it was made.
+fn started(segment: &Segment) -> u64 {
+    let (first, _) = segment.statistics.span;
+    let made = || segment.fact("bustape.clock", "log_time_ns")?.parse().ok();
+    if first > 0 { first } else { made().unwrap_or(0) }
 }
 
 /// The bus names a segment mentions: in its metadata, in order, then in its channels.

@@ -1,6 +1,7 @@
 //! A recording, opened for reading: one or many segment files as one row of frames in time order.
 
 use std::ops::RangeInclusive;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
 use mcap::records::op;
@@ -289,6 +290,18 @@ fn files_of(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
             path.display()
         )));
     }
+    // A recorder that was killed while it gave a file its name leaves the file under both.
+    files.retain(|file| !ends_with_part(file) || !is_same(file, &file.with_extension("")));
     files.sort();
     Ok(files)
+}
+
+fn ends_with_part(file: &Path) -> bool {
+    file.extension().is_some_and(|extension| extension == "part")
+}
+
+/// True if both names lead to one file.
+fn is_same(file: &Path, other: &Path) -> bool {
+    let identity = |path: &Path| path.metadata().ok().map(|about| (about.dev(), about.ino()));
+    identity(file).is_some_and(|found| Some(found) == identity(other))
 }

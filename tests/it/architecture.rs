@@ -20,7 +20,15 @@ const ARROWS: [(&str, &[&str]); 13] = [
     (
         "commands",
         &[
-            "address", "capture", "cli", "clock", "frame", "record", "recording", "simulate", "sys",
+            "address",
+            "capture",
+            "cli",
+            "clock",
+            "frame",
+            "record",
+            "recording",
+            "simulate",
+            "sys",
             "text",
         ],
     ),
@@ -134,7 +142,9 @@ fn every_arrow_between_parts_is_one_of_those_drawn() {
 #[test]
 fn unsafe_code_stands_in_one_folder() {
     for (path, code) in sources().iter().filter(|(path, _)| part(path) != "sys") {
-        let word = |text: &str| text.split(|c: char| !c.is_alphanumeric() && c != '_').any(|w| w == "unsafe");
+        let word = |text: &str| {
+            text.split(|c: char| !c.is_alphanumeric() && c != '_').any(|w| w == "unsafe")
+        };
         let line = code.lines().find(|line| word(line));
         assert_eq!(line, None, "in {}", path.display());
     }
@@ -143,7 +153,9 @@ fn unsafe_code_stands_in_one_folder() {
 #[test]
 fn nothing_outside_of_tests_panics_on_purpose() {
     for (path, code) in sources() {
-        for call in [".unwrap()", ".expect(", "panic!(", "unreachable!(", "todo!(", "unimplemented!("] {
+        for call in
+            [".unwrap()", ".expect(", "panic!(", "unreachable!(", "todo!(", "unimplemented!("]
+        {
             let line = code.lines().find(|line| line.contains(call));
             assert_eq!(line, None, "in {}", path.display());
         }

@@ -91,11 +91,17 @@ fn times_are_printed_in_four_styles_and_to_the_nanosecond() {
             let text = cat(path, options);
             times(&text)[..3].iter().map(|t| t.to_string()).collect::<Vec<_>>()
         };
-        assert_eq!(style(&["-t", "a"]), ["1700000000.000000", "1700000000.250001", "1700000000.500002"]);
+        assert_eq!(
+            style(&["-t", "a"]),
+            ["1700000000.000000", "1700000000.250001", "1700000000.500002"]
+        );
         assert_eq!(style(&["-t", "d"]), ["000.000000", "000.250001", "000.250001"]);
         assert_eq!(style(&["-t", "z"]), ["000.000000", "000.250001", "000.500002"]);
         let date = "2023-11-14 22:13:20";
-        assert_eq!(style(&["-t", "A"]), [".000000", ".250001", ".500002"].map(|f| format!("{date}{f}")));
+        assert_eq!(
+            style(&["-t", "A"]),
+            [".000000", ".250001", ".500002"].map(|f| format!("{date}{f}"))
+        );
         assert_eq!(style(&["-N", "-t", "z"]), ["000.000000000", "000.250001001", "000.500002002"]);
         // A delta is to the line before, and a gap is a line without a time.
         let all = cat(path, &["-t", "d"]);
@@ -141,7 +147,10 @@ fn topics_times_and_filters_select_what_is_printed() {
         assert_eq!(has_time(&["--start", "+250ms", "--end", "+1.1s"]), 4);
         assert_eq!(has_time(&["--start", "2023-11-14T22:13:21Z"]), 4);
         assert_eq!(has_time(&["--start", "1700000001", "--end", "1700000001.9"]), 3);
-        assert_eq!(has_time(&["--start", "1700000000.250001001", "--end", "1700000000.250001001"]), 1);
+        assert_eq!(
+            has_time(&["--start", "1700000000.250001001", "--end", "1700000000.250001001"]),
+            1
+        );
         assert_eq!(lines(&["-f", "rect", "--json"]), 2);
         // As in the kernel: 11 bits of an identifier may be those of a long one, and error frames
         // have a mask of their own.
@@ -224,7 +233,11 @@ fn nothing_in_a_file_can_drive_the_terminal() {
     let (name, media_type) = (evil.to_owned(), evil.to_owned());
     head.attachments.push(Attachment { name, media_type, data: Vec::new() });
     let mut frames = frames();
-    frames.extend((0..40).map(|n| (0, at(3 * SECOND + n, Frame::Can(CanFrame::new(1, CanFlags::default(), &[]))))));
+    frames.extend(
+        (0..40).map(|n| {
+            (0, at(3 * SECOND + n, Frame::Can(CanFrame::new(1, CanFlags::default(), &[]))))
+        }),
+    );
     make_with(&path, Layout::Frame, &head, &frames);
     let mut part = std::fs::read(&path).unwrap();
     part.truncate(part.len() - 30);
@@ -252,7 +265,8 @@ fn nothing_in_a_file_can_drive_the_terminal() {
             all.push(file.into());
             let ran = bustape(&all);
             let said = format!("{}{}", ran.out, ran.err);
-            let drives = |c: char| (c.is_control() && c != '\n') || ('\u{202a}'..='\u{202e}').contains(&c);
+            let drives =
+                |c: char| (c.is_control() && c != '\n') || ('\u{202a}'..='\u{202e}').contains(&c);
             assert!(!said.is_empty() && !said.contains(drives), "{all:?}: {said:?}");
             for line in ran.out.lines().filter(|_| command.contains(&"--json")) {
                 // Escaped for the eye, the same for a program.

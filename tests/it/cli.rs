@@ -26,15 +26,24 @@ fn wrong_usage_is_refused_with_a_sentence_and_leaves_nothing() {
         (&["record", "tap:/dev/ttyUSB0,9600", "-o", out], "needs two ports"),
         (&["record", "slcan:/dev/ttyACM0", "-o", out], "bus \"slcan:/dev/ttyACM0\": "),
         (&["record", "", "-o", out], "bus \"\": "),
-        (&["record", sim, sim, "-o", out], "two buses are called hmi-can; give one of them another"),
+        (
+            &["record", sim, sim, "-o", out],
+            "two buses are called hmi-can; give one of them another",
+        ),
         (&["record", "a=sim:hmi-can", "a=sim:zhongheng-09", "-o", out], "two buses are called a"),
-        (&["record", sim, "-o", out, "--duration", "soon"], "write it like 200ms, 90s, 1m30s or 8h"),
+        (
+            &["record", sim, "-o", out, "--duration", "soon"],
+            "write it like 200ms, 90s, 1m30s or 8h",
+        ),
         (&["record", sim, "-o", out, "--duration=-5s"], "write it like 200ms"),
         (&["record", sim, "-o", out, "--count", "0"], "0 is not in 1.."),
         (&["record", sim, "-o", out, "--chunk-time", "0"], "the least is 1ms"),
         (&["record", sim, "-o", out, "--split-time", "10us"], "the least is 1ms"),
         (&["record", sim, "-o", out, "--chunk-size", "1KiB"], "not between 4KiB and 16MiB"),
-        (&["record", sim, "-o", out, "--split-size", "much"], "write it like 512KiB, 64MiB or 1GiB"),
+        (
+            &["record", sim, "-o", out, "--split-size", "much"],
+            "write it like 512KiB, 64MiB or 1GiB",
+        ),
         (&["record", sim, "-o", out, "--split-size", "1KiB"], "the least is 64KiB"),
         (&["record", sim, "-o", out, "--queue=-1"], "is not a size"),
         (&["record", sim, "-o", out, "--receive-buffer", "2GiB"], "the most is 1GiB"),
@@ -117,7 +126,10 @@ fn the_help_tells_the_default_and_the_unit_of_every_option() {
             assert!(free || block.contains("[default: "), "{command}: no default in {block}");
             let units = ["<TIME>", "<SIZE>"].iter().any(|value| block.contains(value));
             let unit = ["ms", "s]", "s,", "MiB", "RFC 3339", "this time"].iter();
-            assert!(!units || unit.clone().any(|u| block.contains(u)), "{command}: no unit in {block}");
+            assert!(
+                !units || unit.clone().any(|u| block.contains(u)),
+                "{command}: no unit in {block}"
+            );
         }
     }
 }

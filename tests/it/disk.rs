@@ -10,8 +10,8 @@ use crate::support::bytes::noise;
 use crate::support::mcap::{self, Mcap};
 use crate::support::messages::{self, DISK};
 use crate::support::process::{BUSTAPE, Ran, args, bustape, spawn, start, start_injected};
-use crate::support::several;
 use crate::support::terminal::open;
+use crate::support::{several, station};
 
 /// received = written + dropped, and what is called written is in the files.
 fn books(ran: &Ran, files: &[Mcap], bus: &str) -> (u64, u64) {
@@ -28,42 +28,55 @@ fn books(ran: &Ran, files: &[Mcap], bus: &str) -> (u64, u64) {
 #[test]
 fn when_a_write_fails_it_says_so_and_goes_on_in_a_new_file() {
     let folder = tempfile::tempdir().unwrap();
-    let lost = several(vec![(6, "frame"), (7, "batch"), (9, "frame"), (12, "batch")], |(write, layout)| {
-        let path = folder.path().join(format!("{write}.mcap"));
-        let part = folder.path().join(format!("{write}.mcap.part"));
-        let inject = format!("inject=write:error=ENOSPC:when={write}+");
-        let running = start_injected(
-            &["trace=write", &inject],
-            &[&part],
-            args(&[
-                &"record", &"sim:hmi-can", &"sim:zhongheng-09", &"-o", &path, &"--json",
-                &"--layout", &layout, &"--chunk-time", &"100ms", &"--duration", &"1500ms",
-            ]),
-        );
-        let ran = running.wait().expect(1);
-        let sentence = format!("cannot write {}: No space left on device", part.display());
-        assert!(ran.err.contains(&format!("error: {sentence}")), "{}", ran.err);
-        assert!(ran.err.contains("bustape convert"), "{}", ran.err);
-        assert!(!path.exists());
-        let next = folder.path().join(format!("{write}_0002.mcap"));
-        let files = [mcap::cut(&part), mcap::finished(&next)];
-        assert_eq!(files[0].end, files[0].size);
-        let (written, dropped) = books(&ran, &files, "hmi-can");
-        books(&ran, &files, "zhongheng-09");
-        assert!(written > 0);
-        // The new file says what the old one cost, and between the two nothing else is missing.
-        let gaps = messages::gaps(&files[1], "hmi-can");
-        assert_eq!(gaps.iter().map(|gap| gap.0).sum::<u64>(), dropped);
-        assert!(gaps.iter().all(|gap| gap.1 == DISK));
-        let before = messages::cans(&files[0], "hmi-can");
-        from_the_beginning(&before);
-        let station = crate::support::station().skip(before.len() + dropped as usize);
-        for ((_, recorded), sent) in messages::cans(&files[1], "hmi-can").iter().zip(station) {
-            assert_eq!(*recorded, sent);
-        }
-        assert_eq!(files[1].facts("bustape.recording")["segment"], "2");
-        dropped
-    });
+    let lost = several(
+        vec![(6, "frame"), (7, "batch"), (9, "frame"), (12, "batch")],
+        |(write, layout)| {
+            let path = folder.path().join(format!("{write}.mcap"));
+            let part = folder.path().join(format!("{write}.mcap.part"));
+            let inject = format!("inject=write:error=ENOSPC:when={write}+");
+            let running = start_injected(
+                &["trace=write", &inject],
+                &[&part],
+                args(&[
+                    &"record",
+                    &"sim:hmi-can",
+                    &"sim:zhongheng-09",
+                    &"-o",
+                    &path,
+                    &"--json",
+                    &"--layout",
+                    &layout,
+                    &"--chunk-time",
+                    &"100ms",
+                    &"--duration",
+                    &"1500ms",
+                ]),
+            );
+            let ran = running.wait().expect(1);
+            let sentence = format!("cannot write {}: No space left on device", part.display());
+            assert!(ran.err.contains(&format!("error: {sentence}")), "{}", ran.err);
+            assert!(ran.err.contains("bustape convert"), "{}", ran.err);
+            assert!(!path.exists());
+            let next = folder.path().join(format!("{write}_0002.mcap"));
+            let files = [mcap::cut(&part), mcap::finished(&next)];
+            assert_eq!(files[0].end, files[0].size);
+            let (written, dropped) = books(&ran, &files, "hmi-can");
+            books(&ran, &files, "zhongheng-09");
+            assert!(written > 0);
+            // The new file says what the old one cost, and between the two nothing else is missing.
+            let gaps = messages::gaps(&files[1], "hmi-can");
+            assert_eq!(gaps.iter().map(|gap| gap.0).sum::<u64>(), dropped);
+            assert!(gaps.iter().all(|gap| gap.1 == DISK));
+            let before = messages::cans(&files[0], "hmi-can");
+            from_the_beginning(&files[0], &before);
+            let station = station(&files[0], "hmi-can").skip(before.len() + dropped as usize);
+            for ((_, recorded), sent) in messages::cans(&files[1], "hmi-can").iter().zip(station) {
+                assert_eq!(*recorded, sent);
+            }
+            assert_eq!(files[1].facts("bustape.recording")["segment"], "2");
+            dropped
+        },
+    );
     assert!(lost.iter().any(|dropped| *dropped > 0), "{lost:?}");
 }
 
@@ -94,7 +107,14 @@ fn a_failed_sync_ends_the_file_and_is_not_retried() {
         &["trace=fdatasync", "inject=fdatasync:error=EIO:when=3"],
         &[&part],
         args(&[
-            &"record", &"sim:hmi-can", &"-o", &path, &"--json", &"--sync", &"200ms", &"--duration",
+            &"record",
+            &"sim:hmi-can",
+            &"-o",
+            &path,
+            &"--json",
+            &"--sync",
+            &"200ms",
+            &"--duration",
             &"1500ms",
         ]),
     );
@@ -251,10 +271,17 @@ fn a_folder_without_the_right_to_write_is_said_and_stays_as_it_is() {
     };
     for target in [["-o".into(), closed.join("a.mcap")], ["-d".into(), closed.clone()]] {
         let mut command2 = Command::new(command.get_program());
-        command2.args(command.get_args()).args(["record", "sim:hmi-can", "--count", "1"]).args(&target);
+        command2
+            .args(command.get_args())
+            .args(["record", "sim:hmi-can", "--count", "1"])
+            .args(&target);
         let ran = spawn(command2).wait().expect(1);
         assert!(ran.err.contains(closed.to_str().unwrap()), "{}", ran.err);
-        assert!(ran.err.contains("Permission denied") && ran.err.contains("right to write"), "{}", ran.err);
+        assert!(
+            ran.err.contains("Permission denied") && ran.err.contains("right to write"),
+            "{}",
+            ran.err
+        );
     }
     assert_eq!(std::fs::read_dir(&closed).unwrap().count(), 0);
 }

@@ -5,7 +5,9 @@ use std::os::unix::process::{CommandExt as _, ExitStatusExt as _};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-use bustape::frame::{CanFlags, CanFrame, Direction, Frame, Gap, GapReason, SerialBytes, Timestamp, Unit};
+use bustape::frame::{
+    CanFlags, CanFrame, Direction, Frame, Gap, GapReason, SerialBytes, Timestamp, Unit,
+};
 use bustape::recording::writer::Layout;
 
 use crate::support::bytes::{Random, noise};

@@ -26,16 +26,23 @@ fn a_kill_at_any_moment_leaves_a_file_that_can_be_read_and_finished() {
         let (path, terminal) = (folder.join("a.mcap"), folder.join("tty"));
         let layout = ["frame", "batch"][run % 2];
         let running = start(args(&[
-            &"record", &"sim:hmi-can", &format!("line=pty:{}", terminal.display()), &"-o", &path,
-            &"--layout", &layout,
+            &"record",
+            &"sim:hmi-can",
+            &format!("line=pty:{}", terminal.display()),
+            &"-o",
+            &path,
+            &"--layout",
+            &layout,
         ]));
         let sent = noise(run as u64, 1 << 20);
         let mut line = open(&terminal);
         std::thread::scope(|scope| {
-            scope.spawn(|| sent.chunks(997).try_for_each(|piece| {
-                std::thread::sleep(Duration::from_millis(3));
-                line.write_all(piece)
-            }));
+            scope.spawn(|| {
+                sent.chunks(997).try_for_each(|piece| {
+                    std::thread::sleep(Duration::from_millis(3));
+                    line.write_all(piece)
+                })
+            });
             std::thread::sleep(Duration::from_millis(moment));
             running.kill();
         });
@@ -52,7 +59,7 @@ fn a_kill_at_any_moment_leaves_a_file_that_can_be_read_and_finished() {
 fn check(run: usize, part: &Path, sent: &[u8]) -> bool {
     let file = mcap::cut(part);
     let frames = messages::cans(&file, "hmi-can");
-    from_the_beginning(&frames);
+    from_the_beginning(&file, &frames);
     let (bytes, _) = messages::streams(&file, "line");
     assert!(sent.starts_with(&bytes), "run {run}: not what was sent");
     if file.metadata.len() < 4 {
@@ -134,15 +141,22 @@ fn no_write_is_a_bad_one_to_die_in() {
             &["trace=write", &inject],
             &[&part],
             args(&[
-                &"record", &"sim:hmi-can", &"sim:zhongheng-09", &"-o", &path, &"--chunk-time",
-                &"20ms", &"--layout", &["frame", "batch"][write % 2],
+                &"record",
+                &"sim:hmi-can",
+                &"sim:zhongheng-09",
+                &"-o",
+                &path,
+                &"--chunk-time",
+                &"20ms",
+                &"--layout",
+                &["frame", "batch"][write % 2],
             ]),
         );
         let ran = running.wait();
         assert!(ran.status.code().is_none(), "not killed in write {write}: {ran:?}");
         let file = mcap::cut(&part);
         assert_eq!(file.end, file.size, "write {write} is half there");
-        from_the_beginning(&messages::cans(&file, "hmi-can"));
+        from_the_beginning(&file, &messages::cans(&file, "hmi-can"));
         if file.messages.is_empty() {
             assert!(file.chunks.is_empty(), "head only");
             let info = bustape(args(&[&"info", &part]));

@@ -51,8 +51,20 @@ fn segments_by_time_are_each_whole_and_together_miss_nothing() {
         let folder = folder.path().join(layout);
         std::fs::create_dir(&folder).unwrap();
         let ran = bustape(args(&[
-            &"record", &"sim:hmi-can", &"sim:zhongheng-09", &"-d", &folder, &"--name", &"plant",
-            &"--json", &"--layout", &layout, &"--split-time", &"400ms", &"--duration", &"2200ms",
+            &"record",
+            &"sim:hmi-can",
+            &"sim:zhongheng-09",
+            &"-d",
+            &folder,
+            &"--name",
+            &"plant",
+            &"--json",
+            &"--layout",
+            &layout,
+            &"--split-time",
+            &"400ms",
+            &"--duration",
+            &"2200ms",
         ]));
         let ran = ran.expect(0).json();
         let paths: Vec<PathBuf> =
@@ -68,7 +80,7 @@ fn segments_by_time_are_each_whole_and_together_miss_nothing() {
         let frames: Vec<_> = files.iter().flat_map(|f| messages::cans(f, "hmi-can")).collect();
         assert_eq!(ran["buses"][0]["received"], frames.len());
         assert_eq!(ran["buses"][0]["written"], frames.len());
-        from_the_beginning(&frames);
+        from_the_beginning(&files[0], &frames);
         as_one(&folder, &paths, frames.len());
     });
 }
@@ -96,8 +108,15 @@ fn segments_by_size_share_out_a_serial_line_byte_by_byte() {
     let (terminal, out) = (folder.path().join("tty"), folder.path().join("rec"));
     std::fs::create_dir(&out).unwrap();
     let running = start(args(&[
-        &"record", &format!("line=pty:{}", terminal.display()), &"-d", &out, &"--split-size",
-        &"64KiB", &"--json", &"--chunk-time", &"20ms",
+        &"record",
+        &format!("line=pty:{}", terminal.display()),
+        &"-d",
+        &out,
+        &"--split-size",
+        &"64KiB",
+        &"--json",
+        &"--chunk-time",
+        &"20ms",
     ]));
     let sent = noise(7, 400_000);
     let mut line = open(&terminal);
@@ -114,7 +133,8 @@ fn segments_by_size_share_out_a_serial_line_byte_by_byte() {
     assert!(info.out.contains("NOT FINISHED") && info.err.contains("still running"), "{info:?}");
     until("every byte in the files", || {
         let files = names(&out).into_iter().map(|name| mcap_at(&out.join(name)));
-        let bytes: usize = files.map(|f| f.map_or(0, |f| messages::streams(&f, "line").0.len())).sum();
+        let bytes: usize =
+            files.map(|f| f.map_or(0, |f| messages::streams(&f, "line").0.len())).sum();
         (bytes == sent.len()).then_some(())
     });
     let ran = running.stop().expect(0).json();
@@ -141,7 +161,14 @@ fn with_one_output_file_the_number_stands_in_its_name() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("night.mcap");
     bustape(args(&[
-        &"record", &"sim:hmi-can", &"-o", &path, &"--split-time", &"300ms", &"--duration", &"1s",
+        &"record",
+        &"sim:hmi-can",
+        &"-o",
+        &path,
+        &"--split-time",
+        &"300ms",
+        &"--duration",
+        &"1s",
     ]))
     .expect(0);
     let found = names(folder.path());
@@ -156,7 +183,8 @@ fn with_one_output_file_the_number_stands_in_its_name() {
 fn recordings_in_one_folder_are_numbered() {
     let folder = tempfile::tempdir().unwrap();
     for number in 1..=2 {
-        bustape(args(&[&"record", &"sim:hmi-can", &"-d", &folder.path(), &"--count", &"3"])).expect(0);
+        bustape(args(&[&"record", &"sim:hmi-can", &"-d", &folder.path(), &"--count", &"3"]))
+            .expect(0);
         let found = names(folder.path());
         assert!(found[number - 1].starts_with(&format!("bustape_s{number:04}_0001_")), "{found:?}");
     }

@@ -114,7 +114,12 @@ fn a_flood_through_a_terminal_is_recorded_without_losing_a_byte() {
     let terminal = folder.path().join("tty");
     // Room for all of it: what is asked here is not how fast this disk is.
     let running = start(args(&[
-        &"record", &format!("line=pty:{}", terminal.display()), &"-o", &path, &"--json", &"--queue",
+        &"record",
+        &format!("line=pty:{}", terminal.display()),
+        &"-o",
+        &path,
+        &"--json",
+        &"--queue",
         &"64MiB",
     ]));
     let sent = noise(20, 20 << 20);
@@ -174,8 +179,7 @@ fn a_tap_records_who_said_what() {
     let folder = tempfile::tempdir().unwrap();
     let (path, part) = (folder.path().join("a.mcap"), folder.path().join("a.mcap.part"));
     let (mut device, mut host) = (Device::new(), Device::new());
-    let bus =
-        format!("link=tap:{}+{},9600,8E1", device.port().display(), host.port().display());
+    let bus = format!("link=tap:{}+{},9600,8E1", device.port().display(), host.port().display());
     let running = start(args(&[&"record", &bus, &"-o", &path, &"--json"]));
     until("the file", || part.exists().then_some(()));
     let (mut rx, mut tx) = (Vec::new(), Vec::new());

@@ -23,8 +23,15 @@ fn bytes_that_a_slow_disk_costs_are_counted_and_placed_exactly() {
         &SLOW,
         &[],
         args(&[
-            &"record", &format!("line=pty:{}", terminal.display()), &"-o", &path, &"--json",
-            &"--queue", &"64KiB", &"--sync", &"100ms",
+            &"record",
+            &format!("line=pty:{}", terminal.display()),
+            &"-o",
+            &path,
+            &"--json",
+            &"--queue",
+            &"64KiB",
+            &"--sync",
+            &"100ms",
         ]),
     );
     let sent = noise(3, 3_000_000);
@@ -86,14 +93,25 @@ fn frames_that_a_slow_disk_costs_are_counted_and_placed_exactly() {
             &SLOW,
             &[],
             args(&[
-                &"record", &"can=sim:hmi-can", &"-o", &path, &"--json", &"--queue", &"2KiB",
-                &"--sync", &"100ms", &"--layout", &layout, &"--duration", &"3s",
+                &"record",
+                &"can=sim:hmi-can",
+                &"-o",
+                &path,
+                &"--json",
+                &"--queue",
+                &"2KiB",
+                &"--sync",
+                &"100ms",
+                &"--layout",
+                &layout,
+                &"--duration",
+                &"3s",
             ]),
         );
         let ran = running.wait().expect(3);
         let file = mcap::finished(&path);
         balanced(&ran, &file);
-        let mut station = station();
+        let mut station = station(&file, "can");
         let mut gaps = 0;
         for (_, raw) in messages::raw(&file, "can") {
             match raw {
@@ -120,12 +138,20 @@ fn a_slow_disk_costs_nothing_while_the_queue_has_room() {
         &SLOW,
         &[],
         args(&[
-            &"record", &"sim:hmi-can", &"sim:zhongheng-09", &"-o", &path, &"--json", &"--sync",
-            &"100ms", &"--duration", &"2s",
+            &"record",
+            &"sim:hmi-can",
+            &"sim:zhongheng-09",
+            &"-o",
+            &path,
+            &"--json",
+            &"--sync",
+            &"100ms",
+            &"--duration",
+            &"2s",
         ]),
     );
     let ran = running.wait().expect(0);
     let file = mcap::finished(&path);
     balanced(&ran, &file);
-    crate::record::from_the_beginning(&messages::cans(&file, "hmi-can"));
+    crate::record::from_the_beginning(&file, &messages::cans(&file, "hmi-can"));
 }

@@ -119,7 +119,10 @@ pub fn parse(bytes: &[u8], whole: bool) -> Outcome<Mcap> {
     }
     mcap.end = at;
     match summary {
-        Some(at) => mcap.check_summary(bytes, at)?,
+        Some(at) => match mcap.check_summary(bytes, at) {
+            Err(why) if whole => return Err(why),
+            _ => {}
+        },
         None => ensure(!whole, || format!("not finished: ends at {at} of {}", bytes.len()))?,
     }
     let last = if whole { mcap.chunks.len() } else { mcap.chunks.len().saturating_sub(1) };
@@ -245,7 +248,8 @@ impl Mcap {
         ensure(bytes.ends_with(MAGIC), || "no magic at the end".into())?;
         let mut told = Mcap::default();
         let (mut at, mut statistics, mut offsets) = (start, None, Vec::new());
-        let (mut chunks, mut places, mut groups) = (Vec::new(), Vec::new(), Vec::<(u8, _, _)>::new());
+        let (mut chunks, mut places, mut groups) =
+            (Vec::new(), Vec::new(), Vec::<(u8, _, _)>::new());
         while at < footer {
             let (opcode, body, next) = record(bytes, at).ok_or("summary is cut off")?;
             let mut cursor = Cursor(body);
@@ -277,7 +281,8 @@ impl Mcap {
             ensure(found.eq(told), || format!("indexes of records {wanted} differ"))?;
         }
         let offsets_at = groups.pop_if(|(opcode, ..)| *opcode == 14).map_or(0, |(_, at, _)| at);
-        let groups: Vec<_> = groups.iter().map(|&(op, a, b)| (op, a as u64, (b - a) as u64)).collect();
+        let groups: Vec<_> =
+            groups.iter().map(|&(op, a, b)| (op, a as u64, (b - a) as u64)).collect();
         ensure(offsets == groups, || format!("summary offsets {offsets:?} for {groups:?}"))?;
         self.check_statistics(&statistics.ok_or("no statistics")?)?;
         let (opcode, body, end) = record(bytes, footer).ok_or("no footer")?;
@@ -301,12 +306,9 @@ impl Mcap {
         let span = (times().min().unwrap_or(0), times().max().unwrap_or(0));
         ensure(cursor.u64()? == self.messages.len() as u64, || "message count".into())?;
         ensure(usize::from(cursor.u16()?) == self.schemas.len(), || "schema count".into())?;
-        for count in [
-            self.channels.len(),
-            self.attachments.len(),
-            self.metadata.len(),
-            self.chunks.len(),
-        ] {
+        for count in
+            [self.channels.len(), self.attachments.len(), self.metadata.len(), self.chunks.len()]
+        {
             ensure(cursor.u32()? as usize == count, || "a count in the statistics".into())?;
         }
         ensure((cursor.u64()?, cursor.u64()?) == span, || "times in the statistics".into())?;
@@ -323,8 +325,7 @@ impl Mcap {
 type ChunkIndex = (u64, u64, u64, u64, BTreeMap<u16, u64>, u64, u64);
 
 fn chunk_index(cursor: &mut Cursor<'_>) -> Outcome<ChunkIndex> {
-    let (start, end, offset, length) =
-        (cursor.u64()?, cursor.u64()?, cursor.u64()?, cursor.u64()?);
+    let (start, end, offset, length) = (cursor.u64()?, cursor.u64()?, cursor.u64()?, cursor.u64()?);
     let map_length = cursor.u32()? as usize;
     let mut map = Cursor(cursor.take(map_length)?);
     let mut places = BTreeMap::new();

@@ -27,7 +27,10 @@ pub fn decoded(mcap: &Mcap) -> impl Iterator<Item = (&Message, DynamicMessage)> 
         assert_eq!(encoding, "protobuf");
         // Fails unless the set has every file that it refers to.
         let pool = DescriptorPool::decode(&data[..]).unwrap_or_else(|e| panic!("{name}: {e}"));
-        (*id, pool.get_message_by_name(name).unwrap_or_else(|| panic!("{name} is not in its schema")))
+        (
+            *id,
+            pool.get_message_by_name(name).unwrap_or_else(|| panic!("{name} is not in its schema")),
+        )
     });
     let kinds: std::collections::BTreeMap<_, _> = kinds.collect();
     mcap.messages.iter().map(move |message| {

@@ -317,6 +317,16 @@ mod tests {
     }
 
     #[test]
+    fn a_small_queue_does_not_wait_for_the_timer_until_it_is_full() {
+        let (queue, _, mut inlet) = inlet(8 * ITEM, None);
+        inlet.push(&mut frames(0..4));
+        let mut items = Vec::new();
+        // Comes back at once; in an hour otherwise.
+        queue.take(&mut items, usize::MAX, Duration::from_secs(3600));
+        assert_eq!(items.len(), 4);
+    }
+
+    #[test]
     fn gaps_cannot_fill_the_memory_and_none_is_forgotten() {
         let (queue, tally, mut inlet) = inlet(2 * ITEM, None);
         inlet.push(&mut frames(0..2));

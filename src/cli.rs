@@ -91,7 +91,8 @@ pub struct RecordArgs {
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     pub duration: Option<Duration>,
 
-    /// Stop after this many frames of all buses together (a serial read counts as one)
+    /// Stop after this many frames of all buses together (a serial read counts as one) [default:
+    /// record until stopped]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
 

@@ -29,12 +29,16 @@ pub fn run(args: &ConvertArgs) -> Result<Ended> {
     let (start, _) = recording.span().unwrap_or_default();
     let mut out = segments.open(start, &head(&recording)?)?;
     let mut entries = recording.entries(Recording::ALL, |_| true);
-    if let Err(error) = copy(&recording, &mut entries, &mut out.writer) {
+    let copied = copy(&recording, &mut entries, &mut out.writer)
+        .and_then(|()| out.writer.finish(summary(&recording)))
+        .and_then(|()| out.writer.sync());
+    if let Err(error) = copied {
+        // The original is still there; half of a copy is of no use to anybody.
         segments.discard(out);
         bail!("cannot write {}: {error}", args.output.display());
     }
     let damage = entries.damage().to_vec();
-    segments.finish(out, summary(&recording))?;
+    segments.name(out)?;
     let written = std::fs::metadata(&args.output)?.len();
     let before: u64 = recording.segments.iter().map(|s| s.size).sum();
     output::note(&format!("{}: {} (was {})", args.output.display(), size(written), size(before)));

@@ -13,7 +13,8 @@ use super::wire::Wire;
 use crate::clock::Timeline;
 use crate::frame::{Frame, Gap, GapReason, Level, Notice, Stamped, Timestamp, Unit};
 
-/// The writer is woken early when this much waits for it; otherwise it comes by itself.
+/// The writer is woken early when this much waits for it, or half of what may wait; otherwise it
+/// comes by itself.
 const WAKE_BYTES: usize = 256 << 10;
 
 /// Index of a bus in the recording, in the order of the command line.
@@ -33,6 +34,7 @@ pub struct Queue {
     state: Mutex<State>,
     wake: Condvar,
     limit: usize,
+    wake_bytes: usize,
 }
 
 #[derive(Default)]
@@ -49,13 +51,14 @@ impl Queue {
     /// A queue that holds at most `limit` bytes.
     pub fn new(limit: usize) -> Arc<Self> {
         let state = Mutex::new(State::default());
-        Arc::new(Self { state, wake: Condvar::new(), limit })
+        let wake_bytes = WAKE_BYTES.min(limit / 2);
+        Arc::new(Self { state, wake: Condvar::new(), limit, wake_bytes })
     }
 
     /// Moves up to `most` items into `into`, waiting at most `wait` for enough of them to be worth
     /// the trouble. Returns false once the queue is closed and empty.
     pub fn take(&self, into: &mut Vec<Item>, most: usize, wait: Duration) -> bool {
-        let idle = |s: &mut State| s.bytes < WAKE_BYTES && !s.closed && !s.poked;
+        let idle = |s: &mut State| s.bytes < self.wake_bytes && !s.closed && !s.poked;
         let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let (mut state, _) =
             self.wake.wait_timeout_while(state, wait, idle).unwrap_or_else(PoisonError::into_inner);
@@ -97,7 +100,7 @@ impl Queue {
         state.bytes += bytes;
         state.peak = state.peak.max(state.bytes);
         state.items.extend(frames.drain(..).map(|frame| Item { bus, frame }));
-        if before < WAKE_BYTES && state.bytes >= WAKE_BYTES {
+        if before < self.wake_bytes && state.bytes >= self.wake_bytes {
             self.wake.notify_one();
         }
         true
@@ -331,6 +334,16 @@ mod tests {
         assert_eq!(taken[1..], frames(9..10));
         let totals = tally.totals();
         assert_eq!((totals.received, totals.lost()), (10, 5));
+    }
+
+    #[test]
+    fn a_small_queue_does_not_wait_for_the_timer_until_it_is_full() {
+        let (queue, _, mut inlet) = inlet(8 * ITEM, None);
+        inlet.push(&mut frames(0..4));
+        let mut items = Vec::new();
+        // Comes back at once; in an hour otherwise.
+        queue.take(&mut items, usize::MAX, Duration::from_secs(3600));
+        assert_eq!(items.len(), 4);
     }
 
     #[test]

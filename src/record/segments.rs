@@ -163,6 +163,12 @@ impl Segments {
             .finish(summary)
             .and_then(|()| segment.writer.sync())
             .map_err(|e| write_error(&part, &e))?;
+        self.name(segment)
+    }
+
+    /// Gives a segment whose end is written its name.
+    pub fn name(&mut self, segment: Segment) -> Result<(), SegmentError> {
+        let part = segment.part();
         self.disk.rename(&part, &segment.path).map_err(|e| {
             SegmentError(format!(
                 "cannot rename {} to {}: {e}; the recording is complete under the first name",

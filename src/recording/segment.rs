@@ -4,7 +4,7 @@
 //! file that was not finished (a crash, or still being written) is walked once: from record to
 //! record, without decompressing more than its channels need.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io;
 use std::os::unix::fs::FileExt as _;
@@ -14,7 +14,8 @@ use mcap::records::op;
 
 use super::container::Facts;
 use super::records::{
-    self, AttachmentIndex, Channel, ChunkHead, ChunkRef, HEAD, Record, Schema, Statistics, records,
+    self, AttachmentIndex, Channel, ChunkHead, ChunkRef, HEAD, Message, Record, Schema, Statistics,
+    records,
 };
 
 /// Largest record taken into memory, except a summary. Our own chunks are at most a few MiB.
@@ -185,21 +186,27 @@ impl Segment {
     /// Walks a file without a usable summary from record to record.
     fn scan(&mut self) -> io::Result<()> {
         let mut at = mcap::MAGIC.len() as u64;
-        let mut used = BTreeSet::new();
+        // Messages of the chunk before, by channel, as its index tells.
+        let mut counts = BTreeMap::new();
         while let Some((opcode, end)) = self.record_at(at)? {
             match opcode {
-                op::CHUNK => self.scan_chunk(at, end)?,
+                op::CHUNK => {
+                    self.add_counts(&std::mem::take(&mut counts));
+                    self.scan_chunk(at, end)?;
+                }
                 op::FOOTER | op::DATA_END => break,
                 op::MESSAGE_INDEX | op::METADATA | op::ATTACHMENT | op::SCHEMA | op::CHANNEL => {
                     let bytes = self.read_record(at, end - at)?;
-                    self.scan_record(at, &bytes, &mut used);
+                    self.scan_record(at, &bytes, &mut counts);
                 }
                 _ => {}
             }
             at = end;
         }
         self.ending = Ending::Cut { at, of: self.size };
-        self.find_definitions(&used);
+        // The index of the last chunk may be cut off, all of it or a part.
+        self.add_counts(&self.counts_of_last_chunk().unwrap_or(counts));
+        self.find_definitions();
         Ok(())
     }
 
@@ -232,17 +239,33 @@ impl Segment {
         Ok(())
     }
 
-    fn scan_record(&mut self, at: u64, bytes: &[u8], used: &mut BTreeSet<u16>) {
+    /// Enters the messages of the last chunk in the statistics and in the chunk itself.
+    fn add_counts(&mut self, counts: &BTreeMap<u16, u64>) {
+        for (&channel, count) in counts {
+            *self.statistics.channels.entry(channel).or_default() += count;
+            self.statistics.messages += count;
+            if let Some(chunk) = self.chunks.last_mut() {
+                chunk.channels |= records::channel_bit(channel);
+            }
+        }
+    }
+
+    fn counts_of_last_chunk(&self) -> Option<BTreeMap<u16, u64>> {
+        let mut records_of_chunk = Vec::new();
+        self.read_chunk(*self.chunks.last()?, &mut records_of_chunk).ok()?;
+        let mut counts = BTreeMap::new();
+        for record in records(&records_of_chunk).filter(|record| record.opcode == op::MESSAGE) {
+            *counts.entry(Message::of(record.body)?.channel).or_default() += 1;
+        }
+        Some(counts)
+    }
+
+    fn scan_record(&mut self, at: u64, bytes: &[u8], counts: &mut BTreeMap<u16, u64>) {
         let Some(Record { opcode, body }) = records(bytes).next() else { return };
         match opcode {
             op::MESSAGE_INDEX => {
                 if let Some((channel, count)) = records::message_index(body) {
-                    *self.statistics.channels.entry(channel).or_default() += count;
-                    self.statistics.messages += count;
-                    used.insert(channel);
-                    if let Some(chunk) = self.chunks.last_mut() {
-                        chunk.channels |= records::channel_bit(channel);
-                    }
+                    *counts.entry(channel).or_default() += count;
                 }
             }
             op::METADATA => {
@@ -261,7 +284,8 @@ impl Segment {
     }
 
     /// Looks into chunks until every channel that has messages is known.
-    fn find_definitions(&mut self, used: &BTreeSet<u16>) {
+    fn find_definitions(&mut self) {
+        let used: Vec<u16> = self.statistics.channels.keys().copied().collect();
         let mut records_of_chunk = Vec::new();
         for chunk in self.chunks.clone() {
             if used.iter().all(|id| self.channels.contains_key(id)) {

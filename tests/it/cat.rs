@@ -238,7 +238,7 @@ fn nothing_in_a_file_can_drive_the_terminal() {
             (0, at(3 * SECOND + n, Frame::Can(CanFrame::new(1, CanFlags::default(), &[]))))
         }),
     );
-    make_with(&path, Layout::Frame, &head, &frames);
+    make_with(&path, Layout::Frame, &head, &frames, &[]);
     let mut part = std::fs::read(&path).unwrap();
     part.truncate(part.len() - 30);
     let cut = folder.path().join("cut\x1b[2J.mcap.part");

@@ -10,8 +10,8 @@ use crate::support::bytes::noise;
 use crate::support::mcap::{self, Mcap};
 use crate::support::messages::{self, DISK};
 use crate::support::process::{BUSTAPE, Ran, args, bustape, spawn, start, start_injected};
-use crate::support::several;
 use crate::support::terminal::open;
+use crate::support::{several, station};
 
 /// received = written + dropped, and what is called written is in the files.
 fn books(ran: &Ran, files: &[Mcap], bus: &str) -> (u64, u64) {
@@ -68,8 +68,8 @@ fn when_a_write_fails_it_says_so_and_goes_on_in_a_new_file() {
             assert_eq!(gaps.iter().map(|gap| gap.0).sum::<u64>(), dropped);
             assert!(gaps.iter().all(|gap| gap.1 == DISK));
             let before = messages::cans(&files[0], "hmi-can");
-            from_the_beginning(&before);
-            let station = crate::support::station().skip(before.len() + dropped as usize);
+            from_the_beginning(&files[0], &before);
+            let station = station(&files[0], "hmi-can").skip(before.len() + dropped as usize);
             for ((_, recorded), sent) in messages::cans(&files[1], "hmi-can").iter().zip(station) {
                 assert_eq!(*recorded, sent);
             }

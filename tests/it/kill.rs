@@ -59,7 +59,7 @@ fn a_kill_at_any_moment_leaves_a_file_that_can_be_read_and_finished() {
 fn check(run: usize, part: &Path, sent: &[u8]) -> bool {
     let file = mcap::cut(part);
     let frames = messages::cans(&file, "hmi-can");
-    from_the_beginning(&frames);
+    from_the_beginning(&file, &frames);
     let (bytes, _) = messages::streams(&file, "line");
     assert!(sent.starts_with(&bytes), "run {run}: not what was sent");
     if file.metadata.len() < 4 {
@@ -156,7 +156,7 @@ fn no_write_is_a_bad_one_to_die_in() {
         assert!(ran.status.code().is_none(), "not killed in write {write}: {ran:?}");
         let file = mcap::cut(&part);
         assert_eq!(file.end, file.size, "write {write} is half there");
-        from_the_beginning(&messages::cans(&file, "hmi-can"));
+        from_the_beginning(&file, &messages::cans(&file, "hmi-can"));
         if file.messages.is_empty() {
             assert!(file.chunks.is_empty(), "head only");
             let info = bustape(args(&[&"info", &part]));

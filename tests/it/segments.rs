@@ -4,8 +4,12 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use bustape::frame::{CanFlags, CanFrame, Frame};
+use bustape::recording::writer::Layout;
+
 use crate::record::{from_the_beginning, in_order};
 use crate::support::bytes::noise;
+use crate::support::make::{START, at, head, make_with};
 use crate::support::mcap::{self, Mcap};
 use crate::support::messages;
 use crate::support::process::{args, bustape, start};
@@ -80,7 +84,7 @@ fn segments_by_time_are_each_whole_and_together_miss_nothing() {
         let frames: Vec<_> = files.iter().flat_map(|f| messages::cans(f, "hmi-can")).collect();
         assert_eq!(ran["buses"][0]["received"], frames.len());
         assert_eq!(ran["buses"][0]["written"], frames.len());
-        from_the_beginning(&frames);
+        from_the_beginning(&files[0], &frames);
         as_one(&folder, &paths, frames.len());
     });
 }
@@ -188,4 +192,19 @@ fn recordings_in_one_folder_are_numbered() {
         let found = names(folder.path());
         assert!(found[number - 1].starts_with(&format!("bustape_s{number:04}_0001_")), "{found:?}");
     }
+}
+
+#[test]
+fn the_final_totals_are_those_of_the_last_segment_even_if_nothing_is_in_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let frame = at(0, Frame::Can(CanFrame::new(1, CanFlags::default(), &[])));
+    for (number, written, frames) in [(1, "1", &[(0, frame)][..]), (2, "7", &[])] {
+        let mut head = head(&["can0"]);
+        // What can be known of a segment's time when it has no message.
+        head.clock.insert("log_time_ns".to_owned(), (START + number).to_string());
+        let path = folder.path().join(format!("{number}.mcap"));
+        make_with(&path, Layout::Frame, &head, frames, &[("can0.written", written)]);
+    }
+    let info = bustape(args(&[&"info", &"--json", &folder.path()])).expect(0).json();
+    assert_eq!(info["buses"][0]["totals"]["written"], "7");
 }

@@ -39,10 +39,17 @@ pub const SECOND: u64 = 1_000_000_000;
 
 /// Writes `frames` of `buses`, in chunks of a few, with clocks, statistics and notices between.
 pub fn make(path: &Path, layout: Layout, buses: &[&str], frames: &[(usize, Stamped<Frame>)]) {
-    make_with(path, layout, &head(buses), frames);
+    make_with(path, layout, &head(buses), frames, &[]);
 }
 
-pub fn make_with(path: &Path, layout: Layout, head: &Head, frames: &[(usize, Stamped<Frame>)]) {
+/// The same with another head, and with `more` in its summary.
+pub fn make_with(
+    path: &Path,
+    layout: Layout,
+    head: &Head,
+    frames: &[(usize, Stamped<Frame>)],
+    more: &[(&str, &str)],
+) {
     let file = File::create(path).expect("a new file");
     let options = WriterOptions { layout, batch_frames: 40, ..WriterOptions::default() };
     let mut writer = SegmentWriter::create(Box::new(file), options, head).expect("a head");
@@ -58,7 +65,8 @@ pub fn make_with(path: &Path, layout: Layout, head: &Head, frames: &[(usize, Sta
             writer.cut().expect("a chunk");
         }
     }
-    let summary = Facts::from([("reason".to_owned(), "made".to_owned())]);
+    let summary = [("reason", "made")].iter().chain(more);
+    let summary: Facts = summary.map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
     writer.finish(summary).expect("an end");
 }
 

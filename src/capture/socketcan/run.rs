@@ -104,11 +104,15 @@ impl Capture {
         match received {
             Ok(count) => {
                 let now = self.reader.take(self.batch.messages(), FOREVER).unwrap_or(self.known);
+                if self.batch.is_full() {
+                    self.pace.go_on(count);
+                    return Ok(());
+                }
                 self.port.nap(self.pace.nap_after(count, now))
             }
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
                 self.pace.rest();
-                self.port.nap(false)
+                self.port.nap(None)
             }
             Err(error) => self.trouble(error).and_then(|()| self.check()),
         }

@@ -285,8 +285,8 @@ fn parse_split_size(text: &str) -> Result<u64, String> {
 
 fn parse_queue(text: &str) -> Result<u64, String> {
     let size = parse_size(text)?;
-    if size < 4 << 10 {
-        return Err(format!("{text} is too small; the least is 4KiB"));
+    if size < 1 << 10 {
+        return Err(format!("{text} is too small; the least is 1KiB"));
     }
     Ok(size)
 }

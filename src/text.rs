@@ -116,7 +116,7 @@ pub fn printable(text: &str) -> String {
 /// A JSON text in which no such character is left either. Only its strings can have them, so it
 /// says the same as before.
 pub fn printable_json(text: &str) -> String {
-    escaped(text, |out, c| out.push_str(&format!("\\u{:04x}", u32::from(c))))
+    escaped(text, |out, c| out.extend(format!("\\u{:04x}", u32::from(c)).chars()))
 }
 
 fn escaped(text: &str, escape: impl Fn(&mut String, char)) -> String {

@@ -58,7 +58,7 @@ fn survives(which: usize, file: &Path, about: &str) -> Output {
     unsafe {
         command.pre_exec(|| {
             let limit = libc::rlimit { rlim_cur: MEMORY, rlim_max: MEMORY };
-            match libc::setrlimit(libc::RLIMIT_AS, &limit) {
+            match libc::setrlimit(libc::RLIMIT_AS, &raw const limit) {
                 0 => Ok(()),
                 _ => Err(std::io::Error::last_os_error()),
             }
@@ -86,13 +86,13 @@ fn a_file_cut_off_anywhere_is_read_up_to_there() {
         let (path, bytes) = sound(folder.path(), layout);
         let records: Vec<usize> = mcap::finished(&path).records.iter().map(|r| r.1).collect();
         // At each boundary, within each record's head, and in the middle of each record.
-        let middles = records.windows(2).map(|pair| (pair[0] + pair[1]) / 2);
+        let middles = records.windows(2).map(|pair| usize::midpoint(pair[0], pair[1]));
         let boundaries = records.iter().copied().chain([bytes.len()]);
         let mut ends: Vec<usize> = boundaries.flat_map(|at| [at, at - 1, at + 5]).collect();
         ends.extend(middles);
         ends.extend([0, 1, 7, 8, 9]);
         ends.retain(|end| *end < bytes.len());
-        ends.sort();
+        ends.sort_unstable();
         ends.dedup();
         several(ends.into_iter().enumerate().collect(), |(number, end)| {
             let file = folder.path().join(format!("{}-{end}.mcap", layout.name()));

@@ -74,7 +74,7 @@ fn check(run: usize, part: &Path, sent: &[u8]) -> bool {
     assert_eq!(can, frames.len(), "run {run}");
     let json = bustape(args(&[&"cat", &"--json", &part])).out;
     assert_eq!(json.lines().count(), messages::raw(&file, "line").len() + frames.len());
-    if run % 5 == 0 {
+    if run.is_multiple_of(5) {
         let python = peers::python_streams(part);
         assert_eq!(python.count("/hmi-can/raw"), file.on("/hmi-can/raw").count() as u64);
         assert_eq!(python.count("/line/raw"), file.on("/line/raw").count() as u64);

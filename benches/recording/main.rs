@@ -2,6 +2,13 @@
 //!
 //! Times are CPU times of the process, throughput is frames per CPU second.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::cast_possible_truncation,
+    reason = "a bench that cannot go on ends"
+)]
+
 mod cpu_time;
 mod traffic;
 
@@ -13,7 +20,7 @@ use std::time::Duration;
 use bustape::clock::Timeline;
 use bustape::frame::{Frame, Stamped, Unit};
 use bustape::record::{Allowance, Inlet, Queue, Tally};
-use bustape::recording::container::Facts;
+use bustape::recording::definition::Facts;
 use bustape::recording::disk::OutputFile;
 use bustape::recording::reader::Recording;
 use bustape::recording::writer::{Head, Layout, SegmentWriter, WriterOptions};
@@ -50,7 +57,7 @@ fn read(c: &mut Criterion<CpuTime>) {
         write_to(Box::new(std::fs::File::create(&path).unwrap()), layout, &frames).unwrap();
         group.bench_function(layout.name(), |b| {
             b.iter(|| {
-                let recording = Recording::open(&[path.clone()]).unwrap();
+                let recording = Recording::open(std::slice::from_ref(&path)).unwrap();
                 let count = recording.entries(Recording::ALL, |_| true).count();
                 assert_eq!(count, frames.len());
             });

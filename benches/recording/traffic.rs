@@ -4,6 +4,8 @@
 //! checksums, slow and noisy measured values, flags, constants. Neither noise nor a constant, for
 //! both would make file sizes and compression times meaningless.
 
+#![allow(clippy::cast_possible_truncation, reason = "traffic is made of low bits")]
+
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 

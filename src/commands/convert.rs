@@ -9,7 +9,7 @@ use super::{Ended, info, output};
 use crate::cli::ConvertArgs;
 use crate::frame::Stamped;
 use crate::record::{Segments, Split, Target};
-use crate::recording::container::{Attachment, ChannelDefinition, Facts, SchemaDefinition};
+use crate::recording::definition::{Attachment, ChannelDefinition, Facts, SchemaDefinition};
 use crate::recording::disk::RealDisk;
 use crate::recording::reader::{Entries, Entry, Recording};
 use crate::recording::segment::Segment;

@@ -6,32 +6,20 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::bus::{RecordedBus, summary};
 use super::progress::Progress;
 use super::queue::{Item, Queue};
 use super::segments::{Segment, SegmentError, Segments, write_error};
-use super::tally::{REASONS, Tally, Totals, reason_name};
-use crate::capture::BusFacts;
+use super::tally::Totals;
 use crate::clock::{Step, Timeline};
 use crate::frame::{Frame, Gap, GapReason, Level, Notice, Stamped, Timestamp, Unit};
-use crate::recording::container::{Attachment, Facts};
-use crate::recording::schema::bustape::{BusStats, ClockSync};
+use crate::recording::definition::{Attachment, Facts};
+use crate::recording::schema::bustape::ClockSync;
 use crate::recording::writer::Head;
 
 /// Most items taken from the queue at once: bounds the memory beside the queue to some 400 KiB.
 const TAKE: usize = 4096;
 const SECOND: u64 = 1_000_000_000;
-
-/// A bus being recorded.
-pub struct RecordedBus {
-    /// The name the user gave it.
-    pub name: String,
-    /// Its address, as the user wrote it.
-    pub address: String,
-    /// What its source knows of it.
-    pub facts: BusFacts,
-    /// Its books.
-    pub tally: Arc<Tally>,
-}
 
 /// When things reach the disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -272,7 +260,7 @@ impl Recorder {
         let seconds = now.since(self.last_stats) as f64 / SECOND as f64;
         for (index, bus) in self.buses.iter().enumerate() {
             let totals = bus.tally.totals();
-            let stats = bus_stats(&totals, &self.before[index], seconds, &bus.facts);
+            let stats = bus.stats(&totals, &self.before[index], seconds);
             segment.writer.add_stats(index, now, &stats).ok();
             self.before[index] = totals;
         }
@@ -312,7 +300,7 @@ impl Recorder {
     fn next_segment(&mut self, now: Timestamp) {
         self.cut();
         let Some(full) = self.segment.take() else { return };
-        let summary = self.summary("split");
+        let summary = summary("split", &self.buses, &self.segment_counts);
         let finished = self.segments.finish(full, summary).and_then(|()| self.open_segment(now));
         if let Err(error) = finished {
             self.progress.notice(Level::Error, error.to_string());
@@ -327,64 +315,9 @@ impl Recorder {
         }
         self.cut();
         let Some(segment) = self.segment.take() else { return };
-        let summary = self.summary(reason);
+        let summary = summary(reason, &self.buses, &self.segment_counts);
         if let Err(error) = self.segments.finish(segment, summary) {
             self.error = Some(error);
         }
-    }
-
-    /// `bustape.summary`: the books so far, and what of them is in this segment.
-    fn summary(&self, reason: &str) -> Facts {
-        let mut facts = Facts::from([("reason".to_owned(), reason.to_owned())]);
-        for (bus, in_segment) in self.buses.iter().zip(&self.segment_counts) {
-            let totals = bus.tally.totals();
-            let unit = super::tally::unit_name(bus.facts.unit.unwrap_or(Unit::Frames));
-            let mut put = |key: &str, value: String| {
-                facts.insert(format!("{}.{key}", bus.name), value);
-            };
-            put("unit", unit.to_owned());
-            put("received", totals.received.to_string());
-            put("written", totals.written.to_string());
-            put("dropped", totals.lost().to_string());
-            put("segment_written", in_segment.to_string());
-            put("outages", totals.outages.to_string());
-            for reason in REASONS {
-                if totals.lost_to(reason) > 0 {
-                    let key = format!("dropped.{}", reason_name(reason));
-                    put(&key, totals.lost_to(reason).to_string());
-                }
-            }
-        }
-        facts
-    }
-}
-
-impl RecordedBus {
-    fn head(&self) -> (String, Facts) {
-        let mut facts = self.facts.more.clone();
-        facts.insert("address".to_owned(), self.address.clone());
-        let rates = [("bitrate", self.facts.bitrate), ("data_bitrate", self.facts.data_bitrate)];
-        for (name, rate) in rates {
-            if let Some(rate) = rate {
-                facts.insert(name.to_owned(), rate.to_string());
-            }
-        }
-        (self.name.clone(), facts)
-    }
-}
-
-#[allow(clippy::cast_precision_loss, reason = "rates for people")]
-fn bus_stats(now: &Totals, before: &Totals, seconds: f64, facts: &BusFacts) -> BusStats {
-    let bits = now.bits - before.bits;
-    BusStats {
-        received: now.received,
-        written: now.written,
-        dropped_kernel_queue: now.lost_to(GapReason::KernelQueue),
-        dropped_recorder_queue: now.lost_to(GapReason::RecorderQueue),
-        dropped_overrun: now.lost_to(GapReason::Overrun),
-        dropped_adapter: now.lost_to(GapReason::Adapter),
-        dropped_disk: now.lost_to(GapReason::Disk),
-        rate: (now.received - before.received) as f64 / seconds,
-        load: facts.bitrate.map(|rate| bits as f64 / seconds / f64::from(rate)),
     }
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::frame::Timestamp;
-use crate::recording::container::Facts;
+use crate::recording::definition::Facts;
 use crate::recording::disk::{Disk, folder_of};
 use crate::recording::writer::{Head, SegmentWriter, WriterOptions};
 use crate::text::compact_utc;

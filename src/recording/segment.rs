@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 use mcap::records::op;
 
-use super::container::Facts;
+use super::definition::Facts;
 use super::records::{
     self, AttachmentIndex, Channel, ChunkHead, ChunkRef, HEAD, Message, Record, Schema, Statistics,
     records,

@@ -7,7 +7,8 @@ use std::io;
 
 use super::can_batch::BatchBuilder;
 use super::chunk::Chunk;
-use super::container::{Attachment, ChannelDefinition, Container, Facts, SchemaDefinition};
+use super::container::Container;
+use super::definition::{Attachment, ChannelDefinition, Facts, SchemaDefinition};
 use super::disk::OutputFile;
 use super::schema::{self, Schema, bustape};
 use super::{can_frame, message, wire};

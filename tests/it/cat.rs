@@ -8,7 +8,7 @@ use bustape::frame::{
     CanFlags, CanFrame, Direction, Frame, Gap, GapReason, LineError, LineErrorKind, SerialBytes,
     Stamped, Timestamp, Unit,
 };
-use bustape::recording::container::Attachment;
+use bustape::recording::definition::Attachment;
 use bustape::recording::writer::Layout;
 use serde_json::{Value, json};
 
@@ -89,7 +89,7 @@ fn times_are_printed_in_four_styles_and_to_the_nanosecond() {
     both_layouts(|path| {
         let style = |options: &[&str]| {
             let text = cat(path, options);
-            times(&text)[..3].iter().map(std::string::ToString::to_string).collect::<Vec<_>>()
+            times(&text)[..3].iter().map(ToString::to_string).collect::<Vec<_>>()
         };
         assert_eq!(
             style(&["-t", "a"]),

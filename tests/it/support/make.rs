@@ -4,7 +4,7 @@ use std::fs::File;
 use std::path::Path;
 
 use bustape::frame::{Frame, Stamped, Timestamp};
-use bustape::recording::container::{Attachment, Facts};
+use bustape::recording::definition::{Attachment, Facts};
 use bustape::recording::schema::bustape::{BusStats, ClockSync};
 use bustape::recording::writer::{Head, Layout, SegmentWriter, WriterOptions};
 

@@ -89,7 +89,7 @@ fn times_are_printed_in_four_styles_and_to_the_nanosecond() {
     both_layouts(|path| {
         let style = |options: &[&str]| {
             let text = cat(path, options);
-            times(&text)[..3].iter().map(|t| t.to_string()).collect::<Vec<_>>()
+            times(&text)[..3].iter().map(ToString::to_string).collect::<Vec<_>>()
         };
         assert_eq!(
             style(&["-t", "a"]),

@@ -43,7 +43,7 @@ pub fn several<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync) ->
         let batch: Vec<T> = rest.drain(..rest.len().min(5)).collect();
         results.extend(std::thread::scope(|scope| {
             let running: Vec<_> = batch.into_iter().map(|i| scope.spawn(|| work(i))).collect();
-            let done = running.into_iter().map(|r| r.join());
+            let done = running.into_iter().map(std::thread::ScopedJoinHandle::join);
             done.map(|r| r.unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
                 .collect::<Vec<R>>()
         }));

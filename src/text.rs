@@ -116,13 +116,7 @@ pub fn printable(text: &str) -> String {
 /// A JSON text in which no such character is left either. Only its strings can have them, so it
 /// says the same as before.
 pub fn printable_json(text: &str) -> String {
-    escaped(text, |out, c| {
-        let code = u32::from(c);
-        let digits =
-            (0..4).rev().filter_map(|place| char::from_digit(code >> (4 * place) & 15, 16));
-        out.push_str("\\u");
-        out.extend(digits);
-    })
+    escaped(text, |out, c| out.extend(format!("\\u{:04x}", u32::from(c)).chars()))
 }
 
 fn escaped(text: &str, escape: impl Fn(&mut String, char)) -> String {

@@ -9,6 +9,7 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
 use super::tally::Tally;
+use super::wire::Wire;
 use crate::clock::Timeline;
 use crate::frame::{Frame, Gap, GapReason, Level, Notice, Stamped, Timestamp, Unit};
 
@@ -154,6 +155,7 @@ pub struct Inlet {
     timeline: Timeline,
     /// Gaps that wait until something fits into the full queue again, at most one a reason.
     owed: Vec<Gap>,
+    wire: Wire,
     scratch: Vec<Stamped<Frame>>,
 }
 
@@ -168,7 +170,24 @@ impl Inlet {
         timeline: Timeline,
     ) -> Self {
         let scratch = Vec::with_capacity(1);
-        Self { bus, unit, queue, tally, allowance, timeline, owed: Vec::new(), scratch }
+        Self {
+            bus,
+            unit,
+            queue,
+            tally,
+            allowance,
+            timeline,
+            owed: Vec::new(),
+            wire: Wire::default(),
+            scratch,
+        }
+    }
+
+    /// The same, on a bus whose nominal and data bit rates are known.
+    #[must_use]
+    pub fn at_rates(mut self, nominal: Option<u32>, data: Option<u32>) -> Self {
+        self.wire = Wire { rates: nominal.zip(data) };
+        self
     }
 
     /// The recording's timeline.
@@ -190,6 +209,7 @@ impl Inlet {
         let last = frames.last().map_or(first, |f| f.time);
         let count: u64 = frames.iter().map(|f| weight(&f.value)).sum();
         self.tally.received(count);
+        self.tally.bits(frames.iter().map(|frame| self.wire.bits(&frame.value)).sum());
         // Gaps travel in front of what follows them, or not at all yet.
         let owed = self.owed.iter().map(|gap| Stamped { time: gap.to, value: Frame::Gap(*gap) });
         frames.splice(0..0, owed);

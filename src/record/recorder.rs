@@ -347,6 +347,7 @@ impl Recorder {
             put("written", totals.written.to_string());
             put("dropped", totals.lost().to_string());
             put("segment_written", in_segment.to_string());
+            put("outages", totals.outages.to_string());
             for reason in REASONS {
                 if totals.lost_to(reason) > 0 {
                     let key = format!("dropped.{}", reason_name(reason));

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep_until};
 
-use super::hmi_can::{BIT_RATE, HmiCan, wire};
+use super::hmi_can::{BIT_RATE, HmiCan};
 use crate::capture::{BusFacts, Running, Source, Stop};
 use crate::frame::{Frame, Unit};
 use crate::record::Inlet;
@@ -34,7 +34,6 @@ impl SimulatedCan {
                 () = stop.requested() => return,
             }
             let time = inlet.timeline().now();
-            inlet.tally().bits(wire::bits(&frame));
             inlet.push_one(time, Frame::Can(frame));
             if inlet.satisfied() {
                 return;

@@ -132,8 +132,8 @@ fn segments_by_size_share_out_a_serial_line_byte_by_byte() {
     let seen = names(&out);
     let open = seen.iter().filter(|name| name.ends_with(".mcap.part")).count();
     assert_eq!(open, 1, "{seen:?}");
-    let names = seen.iter().map(|name| name.strip_suffix(".part").unwrap_or(name));
-    assert!(names.into_iter().all(|name| name.strip_suffix("Z.mcap").is_some()), "{seen:?}");
+    let finished = seen.iter().map(|name| name.strip_suffix(".part").unwrap_or(name));
+    assert!(finished.into_iter().all(|name| name.strip_suffix("Z.mcap").is_some()), "{seen:?}");
     let info = bustape(args(&[&"info", &out])).expect(0);
     assert!(info.out.contains("NOT FINISHED") && info.err.contains("still running"), "{info:?}");
     until("every byte in the files", || {

@@ -11,7 +11,6 @@ mod port;
 mod reader;
 mod run;
 mod settings;
-mod wire;
 
 use std::collections::BTreeMap;
 

@@ -8,26 +8,26 @@ use tokio::io::Interest;
 
 use crate::sys::{CanBatch, CanSocket, Waiting};
 
-/// tokio's clock has steps of 1 ms, so a nap lasts between one and two.
-const NAP: Duration = Duration::from_millis(1);
-
 /// A socket and the way it is waited for.
 pub(super) struct Port {
     socket: Rc<CanSocket>,
     /// `None` while napping: a registered socket would wake the thread for each frame.
     registered: Option<Waiting<Rc<CanSocket>>>,
+    nap: Duration,
 }
 
 impl Port {
     pub(super) fn new(socket: CanSocket) -> io::Result<Self> {
-        let mut port = Self { socket: Rc::new(socket), registered: None };
-        port.nap(false)?;
+        let mut port = Self { socket: Rc::new(socket), registered: None, nap: Duration::ZERO };
+        port.nap(None)?;
         Ok(port)
     }
 
-    /// Whether to wait for the clock instead of for frames.
-    pub(super) fn nap(&mut self, nap: bool) -> io::Result<()> {
-        if nap {
+    /// How long to wait for the clock instead of for frames, if at all. tokio's clock has steps of
+    /// 1 ms, so a nap may last that much longer.
+    pub(super) fn nap(&mut self, nap: Option<Duration>) -> io::Result<()> {
+        if let Some(nap) = nap {
+            self.nap = nap;
             self.registered = None;
         } else if self.registered.is_none() {
             self.registered = Some(Waiting::new(Rc::clone(&self.socket), interest())?);
@@ -39,7 +39,12 @@ impl Port {
     /// dropped while it waits.
     pub(super) async fn receive(&self, batch: &mut CanBatch) -> io::Result<usize> {
         let Some(registered) = &self.registered else {
-            tokio::time::sleep(NAP).await;
+            if batch.is_full() {
+                // The rest is there already. Other sources get their turn now and then.
+                tokio::task::coop::consume_budget().await;
+            } else {
+                tokio::time::sleep(self.nap).await;
+            }
             return self.socket.receive(batch);
         };
         let mut received = Ok(0);

@@ -2,7 +2,6 @@
 
 use super::hardware::HardwareTime;
 use super::message::{Stamps, decode};
-use super::wire::Wire;
 use crate::clock::Stamper;
 use crate::frame::{CanFlags, Frame, GapReason, Level, Stamped, Timestamp};
 use crate::record::Inlet;
@@ -14,7 +13,6 @@ pub(super) struct Reader {
     /// Name of the interface, for notices.
     name: String,
     stamper: Stamper,
-    wire: Wire,
     hardware: Option<HardwareTime>,
     frames: Vec<Stamped<Frame>>,
     drops: Drops,
@@ -59,14 +57,13 @@ struct Outage {
 }
 
 impl Reader {
-    pub(super) fn new(name: &str, inlet: Inlet, wire: Wire, hardware: bool) -> Self {
+    pub(super) fn new(name: &str, inlet: Inlet, hardware: bool) -> Self {
         let mut stamper = inlet.timeline().stamper();
         let began = stamper.begin_read();
         Self {
             inlet,
             name: name.to_owned(),
             stamper,
-            wire,
             hardware: hardware.then(HardwareTime::default),
             frames: Vec::new(),
             drops: Drops::default(),
@@ -87,7 +84,6 @@ impl Reader {
         until: Timestamp,
     ) -> Option<Timestamp> {
         let now = self.stamper.begin_read();
-        let mut bits = 0;
         let mut ended = false;
         for message in messages {
             let Some(message) = decode(message) else {
@@ -105,11 +101,9 @@ impl Reader {
                 self.flush();
                 self.inlet.gap(GapReason::KernelQueue, count, self.last(), time);
             }
-            bits += self.wire.bits(&message.frame);
             self.frames.push(Stamped { time, value: Frame::Can(message.frame) });
             self.last = Some(time);
         }
-        self.inlet.tally().bits(bits);
         self.flush();
         self.tell_news();
         (!ended).then_some(now)

@@ -10,7 +10,6 @@ use super::bitrate::{self, Rate};
 use super::pace::Pace;
 use super::port::Port;
 use super::reader::Reader;
-use super::wire::Wire;
 use super::{CanOptions, CanSettings, SocketCan, interfaces, open};
 use crate::capture::{CaptureError, Stop};
 use crate::frame::{Level, Timestamp};
@@ -59,8 +58,7 @@ pub(super) async fn run(
     mut stop: Stop,
 ) -> Result<(), CaptureError> {
     let name = source.settings.interface.clone();
-    let wire = Wire { rates: source.info.bitrate.zip(source.info.data_bitrate) };
-    let reader = Reader::new(&name, inlet, wire, source.options.hardware_timestamps);
+    let reader = Reader::new(&name, inlet, source.options.hardware_timestamps);
     let lost = |error: io::Error| CaptureError(format!("cannot read from {name}: {error}"));
     let mut capture = Capture {
         known: reader.inlet.timeline().now(),
@@ -106,11 +104,15 @@ impl Capture {
         match received {
             Ok(count) => {
                 let now = self.reader.take(self.batch.messages(), FOREVER).unwrap_or(self.known);
+                if self.batch.is_full() {
+                    self.pace.go_on(count);
+                    return Ok(());
+                }
                 self.port.nap(self.pace.nap_after(count, now))
             }
             Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
                 self.pace.rest();
-                self.port.nap(false)
+                self.port.nap(None)
             }
             Err(error) => self.trouble(error).and_then(|()| self.check()),
         }

@@ -22,7 +22,7 @@ fn bench() -> Bench {
     let (queue, tally) = (Queue::new(1 << 20), Arc::new(Tally::default()));
     let allowance = Allowance::new(None);
     let inlet = Inlet::new(0, Unit::Frames, queue.clone(), tally.clone(), allowance, timeline);
-    let reader = Reader::new("can0", inlet, Wire::default(), false);
+    let reader = Reader::new("can0", inlet, false);
     Bench { clock, queue, tally, reader }
 }
 

@@ -122,7 +122,7 @@ pub struct RecordArgs {
     pub compression: i32,
 
     /// Memory for frames that wait for the disk; what does not fit is dropped and counted
-    #[arg(long, value_name = "SIZE", default_value = "16MiB", value_parser = parse_size)]
+    #[arg(long, value_name = "SIZE", default_value = "16MiB", value_parser = parse_queue)]
     pub queue: u64,
 
     /// CAN: receive buffer of each socket in the kernel
@@ -278,6 +278,14 @@ fn parse_split_size(text: &str) -> Result<u64, String> {
     let size = parse_size(text)?;
     if size < 64 << 10 {
         return Err(format!("{text} is too small; the least is 64KiB"));
+    }
+    Ok(size)
+}
+
+fn parse_queue(text: &str) -> Result<u64, String> {
+    let size = parse_size(text)?;
+    if size < 4 << 10 {
+        return Err(format!("{text} is too small; the least is 4KiB"));
     }
     Ok(size)
 }

@@ -1,5 +1,16 @@
 //! bustape: a flight recorder for field buses.
 
+#![cfg_attr(
+    test,
+    allow(
+        clippy::cast_possible_truncation,
+        clippy::naive_bytecount,
+        clippy::panic_in_result_fn,
+        clippy::unused_self,
+        reason = "tests say what they mean the short way"
+    )
+)]
+
 pub mod address;
 pub mod capture;
 pub mod cli;

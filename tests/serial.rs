@@ -1,5 +1,16 @@
 //! Serial capture, driven through real pseudo-terminals.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::panic_in_result_fn,
+    clippy::cast_possible_truncation,
+    clippy::large_stack_arrays,
+    clippy::naive_bytecount,
+    reason = "a test that cannot go on fails by panicking"
+)]
+
 mod rig;
 
 use std::fs::{self, File, OpenOptions};
@@ -11,6 +22,7 @@ use std::time::{Duration, Instant};
 
 use bustape::capture::serial::SerialAddress;
 use bustape::frame::{Direction, Frame, GapReason, Unit};
+use nix::poll::{PollFd, PollFlags, poll};
 use rig::{Device, Recorder, bytes, count_bytes, gaps, noise, notices};
 
 fn record(address: String) -> Recorder {
@@ -22,6 +34,20 @@ fn record(address: String) -> Recorder {
 /// Opens a terminal as an application does that does not want it as its controlling terminal.
 fn application(path: &Path) -> File {
     OpenOptions::new().read(true).write(true).custom_flags(libc::O_NOCTTY).open(path).unwrap()
+}
+
+/// Reads exactly `count` bytes, or fails instead of waiting for ever.
+fn hear(mut application: &File, count: usize) -> Vec<u8> {
+    let (mut heard, end) = (vec![0; count], Instant::now() + rig::PATIENCE);
+    let mut so_far = 0;
+    while so_far < count {
+        assert!(Instant::now() < end, "the application heard {so_far} of {count} bytes");
+        let mut wait = [PollFd::new(application.as_fd(), PollFlags::POLLIN)];
+        if poll(&mut wait, 50_u8).unwrap() > 0 {
+            so_far += application.read(&mut heard[so_far..]).unwrap();
+        }
+    }
+    heard
 }
 
 const FLOOD: usize = 40 << 20;
@@ -116,9 +142,7 @@ fn a_dialogue_over_a_bridge_is_untouched_and_recorded_in_its_order() {
     let start = Instant::now();
     for round in 0..ROUNDS {
         application.write_all(&question(round)).unwrap();
-        let mut heard = vec![0; answer(round).len()];
-        application.read_exact(&mut heard).unwrap();
-        assert!(heard == answer(round), "round {round}");
+        assert!(hear(&application, answer(round).len()) == answer(round), "round {round}");
     }
     let each = start.elapsed() / ROUNDS as u32;
     let _device = answering.join().unwrap();
@@ -147,7 +171,7 @@ fn a_slow_side_of_a_bridge_loses_nothing() {
     const COUNT: usize = 8 << 20;
     let folder = tempfile::tempdir().unwrap();
     let (device, path, recorder) = bridge(folder.path());
-    let mut application = application(&path);
+    let application = application(&path);
     let (down, up) = (noise(7, COUNT), noise(8, COUNT));
     std::thread::scope(|threads| {
         // The application writes without reading for a while, then reads in small pieces with
@@ -160,9 +184,12 @@ fn a_slow_side_of_a_bridge_loses_nothing() {
             device.hear(COUNT)
         });
         std::thread::sleep(Duration::from_millis(1500));
-        let mut heard = vec![0; COUNT];
-        for (index, piece) in heard.chunks_mut(9973).enumerate() {
-            application.read_exact(piece).unwrap();
+        let mut heard = Vec::new();
+        for index in 0.. {
+            if heard.len() == COUNT {
+                break;
+            }
+            heard.extend(hear(&application, 9973.min(COUNT - heard.len())));
             if index % 50 == 0 {
                 std::thread::sleep(Duration::from_millis(10));
             }
@@ -188,9 +215,7 @@ fn an_application_may_leave_and_come_back_and_finds_no_stale_bytes() {
         application.write_all(&[round; 3]).unwrap();
         assert_eq!(device.hear(3), [round; 3]);
         device.say(&[round; 100]);
-        let mut heard = [0; 60];
-        application.read_exact(&mut heard).unwrap();
-        assert_eq!(heard, [round; 60]);
+        assert_eq!(hear(&application, 60), [round; 60]);
         // 40 bytes stay unread, and more come while nobody is there.
         drop(application);
         std::thread::sleep(Duration::from_millis(30));
@@ -211,28 +236,31 @@ fn an_application_that_stops_reading_does_not_stop_the_recording() {
     const COUNT: usize = 3 << 20;
     let folder = tempfile::tempdir().unwrap();
     let (device, path, recorder) = bridge(folder.path());
-    let mut application = application(&path);
+    let application = application(&path);
     let sent = noise(9, COUNT);
     device.say(&sent);
     recorder.wait("everything recorded", |f| count_bytes(f, Direction::Rx) == COUNT);
-    // It reads again: first what was kept for it, without a hole, and then what is new.
-    let mut heard = vec![0; 64 << 10];
-    application.read_exact(&mut heard).unwrap();
+    // It reads a little. As long as it has not caught up, it holds nothing up either.
+    let mut heard = hear(&application, 30_000);
+    let start = Instant::now();
+    let more = noise(10, 200_000);
+    device.say(&more);
+    recorder.wait("more recorded", |f| count_bytes(f, Direction::Rx) == COUNT + more.len());
+    assert!(start.elapsed() < Duration::from_secs(3), "{:?}", start.elapsed());
+    // It catches up: what was kept for it has no hole, and then comes what is new.
     recorder.wait("the end of the stall", |f| {
         let mut piece = [0; 4096];
-        let more = nix::poll::PollFd::new(application.as_fd(), nix::poll::PollFlags::POLLIN);
-        while nix::poll::poll(&mut [more.clone()], 20_u8).unwrap() > 0 {
+        let mut wait = [PollFd::new(application.as_fd(), PollFlags::POLLIN)];
+        while poll(&mut wait, 20_u8).unwrap() > 0 {
             let count = (&application).read(&mut piece).unwrap();
             heard.extend_from_slice(&piece[..count]);
         }
         notices(f).iter().any(|n| n.contains("reads again"))
     });
-    assert!(heard == sent[..heard.len()]);
+    assert!(heard.len() > 64 << 10 && heard == sent[..heard.len()]);
     device.say(b"fresh");
-    let mut heard = [0; 5];
-    application.read_exact(&mut heard).unwrap();
-    assert_eq!(&heard, b"fresh");
-    let sent = [&sent[..], b"fresh"].concat();
+    assert_eq!(hear(&application, 5), b"fresh");
+    let sent = [&sent[..], &more[..], b"fresh"].concat();
     let recorded = recorder.finish();
     assert!(bytes(&recorded.frames, Direction::Rx) == sent);
     let notices = notices(&recorded.frames);
@@ -318,21 +346,22 @@ fn a_bridge_keeps_the_application_while_the_port_is_away() {
     let mut application = application(&path);
     application.write_all(b"one").unwrap();
     assert_eq!(device.hear(3), b"one");
+    // More than the kernel holds for a device that does not listen: the rest waits in the bridge.
+    application.write_all(&[b'.'; 50_000]).unwrap();
+    recorder.wait("the waiting bytes", |f| count_bytes(f, Direction::Tx) == 50_003);
     unplug(device, &link);
     recorder.wait("the outage", |f| notices(f).len() == 1);
     application.write_all(b"lost").unwrap();
-    recorder.wait("bytes without a port", |f| count_bytes(f, Direction::Tx) == 7);
+    recorder.wait("bytes without a port", |f| count_bytes(f, Direction::Tx) == 50_007);
     let device = plug(&link);
     recorder.wait("the return", |f| gaps(f).len() == 1);
     application.write_all(b"two").unwrap();
     assert_eq!(device.hear(3), b"two", "nothing old may be sent late");
     device.say(b"back");
-    let mut heard = [0; 4];
-    application.read_exact(&mut heard).unwrap();
-    assert_eq!(&heard, b"back");
+    assert_eq!(hear(&application, 4), b"back");
     let recorded = recorder.finish();
     let notices = notices(&recorded.frames);
-    assert!(notices.iter().any(|n| n.starts_with("4 bytes that the application")), "{notices:?}");
+    assert!(notices.iter().any(|n| n.contains(" bytes that the application wrote")), "{notices:?}");
 }
 
 #[test]
@@ -377,5 +406,7 @@ fn four_megabaud_costs_little() {
     let reads = recorded.frames.len();
     let share = recorded.cpu_share() * 100.0;
     eprintln!("4 Mbaud: {reads} reads of {sent} bytes, {share:.1} % CPU");
-    assert!(share < 30.0, "{share:.1} %");
+    // A loose bound for a busy machine; what must not happen is a wake-up for every byte.
+    assert!(reads <= sent / 31, "{reads} reads of {sent} bytes");
+    assert!(share < 50.0, "{share:.1} %");
 }

@@ -2,6 +2,8 @@
 //!
 //! Times are CPU times of the process, throughput is frames per CPU second.
 
+#![allow(clippy::unwrap_used, reason = "a bench that cannot run must end")]
+
 mod cpu_time;
 mod traffic;
 
@@ -50,7 +52,7 @@ fn read(c: &mut Criterion<CpuTime>) {
         write_to(Box::new(std::fs::File::create(&path).unwrap()), layout, &frames).unwrap();
         group.bench_function(layout.name(), |b| {
             b.iter(|| {
-                let recording = Recording::open(&[path.clone()]).unwrap();
+                let recording = Recording::open(std::slice::from_ref(&path)).unwrap();
                 let count = recording.entries(Recording::ALL, |_| true).count();
                 assert_eq!(count, frames.len());
             });
@@ -90,11 +92,7 @@ fn frames() -> Vec<Stamped<Frame>> {
     traffic::Traffic::new().take(FRAMES).collect()
 }
 
-fn write_to(
-    out: Box<dyn OutputFile>,
-    layout: Layout,
-    frames: &[Stamped<Frame>],
-) -> io::Result<()> {
+fn write_to(out: Box<dyn OutputFile>, layout: Layout, frames: &[Stamped<Frame>]) -> io::Result<()> {
     let options = WriterOptions { layout, ..WriterOptions::default() };
     let buses = vec![("can0".to_owned(), Facts::new())];
     let head = Head { buses, time: frames[0].time, ..Head::default() };

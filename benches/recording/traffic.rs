@@ -4,6 +4,8 @@
 //! checksums, slow and noisy measured values, flags, constants. Neither noise nor a constant, for
 //! both would make file sizes and compression times meaningless.
 
+#![allow(clippy::cast_possible_truncation, reason = "counters and checksums wrap")]
+
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
@@ -14,12 +16,18 @@ const MESSAGES: u32 = 60;
 const BEGIN: u64 = 1_700_000_000_000_000;
 /// Cycle times in microseconds.
 const CYCLES: [u64; 15] = [
-    5_000, 10_000, 10_000, 10_000, 20_000, 20_000, 20_000, 20_000, 50_000, 50_000, 100_000, 100_000,
-    200_000, 500_000, 1_000_000,
+    5_000, 10_000, 10_000, 10_000, 20_000, 20_000, 20_000, 20_000, 50_000, 50_000, 100_000,
+    100_000, 200_000, 500_000, 1_000_000,
 ];
 /// What the bytes of a message are, see [`Message::payload`].
 const LAYOUTS: [&[u8; 8]; 8] = [
-    b"WwWwWwnK", b"WwWwbFnK", b"bbWwFFnK", b"FFCCWwbb", b"WwWwWwWw", b"bbbbbbNK", b"nFWwbCCK",
+    b"WwWwWwnK",
+    b"WwWwbFnK",
+    b"bbWwFFnK",
+    b"FFCCWwbb",
+    b"WwWwWwWw",
+    b"bbbbbbNK",
+    b"nFWwbCCK",
     b"WwCCFFFN",
 ];
 
@@ -112,7 +120,7 @@ impl Message {
                 // Flags: one turns over now and then.
                 b'F' if random.below(250) == 0 => self.data[place] ^= 1 << random.below(8),
                 // Counters of 4 bits, beside flags that rest, and of 8.
-                b'n' => self.data[place] = self.data[place] & 0xF0 | (cycle & 0x0F) as u8,
+                b'n' => self.data[place] = (self.data[place] & 0xF0) | (cycle & 0x0F) as u8,
                 b'N' => self.data[place] = cycle as u8,
                 b'K' => self.data[place] = crc8(&self.data[..place]),
                 // Constant, or nothing new.
@@ -136,7 +144,7 @@ fn crc8(bytes: &[u8]) -> u8 {
     for byte in bytes {
         crc ^= byte;
         for _ in 0..8 {
-            crc = if crc & 0x80 != 0 { crc << 1 ^ 0x1D } else { crc << 1 };
+            crc = if crc & 0x80 != 0 { (crc << 1) ^ 0x1D } else { crc << 1 };
         }
     }
     !crc
@@ -158,6 +166,6 @@ impl Random {
     }
 
     fn below(&mut self, end: u64) -> u64 {
-        (self.next() >> 32) * end >> 32
+        ((self.next() >> 32) * end) >> 32
     }
 }

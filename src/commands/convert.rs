@@ -38,10 +38,10 @@ pub fn run(args: &ConvertArgs) -> Result<Ended> {
     let written = std::fs::metadata(&args.output)?.len();
     let before: u64 = recording.segments.iter().map(|s| s.size).sum();
     output::note(&format!("{}: {} (was {})", args.output.display(), size(written), size(before)));
-    report(&recording, &damage)
+    Ok(report(&recording, &damage))
 }
 
-fn report(recording: &Recording, damage: &[String]) -> Result<Ended> {
+fn report(recording: &Recording, damage: &[String]) -> Ended {
     let mut ended = if damage.is_empty() { Ended::Well } else { Ended::WithLoss };
     for sentence in damage {
         output::warning(sentence);
@@ -56,7 +56,7 @@ fn report(recording: &Recording, damage: &[String]) -> Result<Ended> {
             ended = Ended::WithLoss;
         }
     }
-    Ok(ended)
+    ended
 }
 
 fn layout_of(recording: &Recording) -> Layout {

@@ -55,7 +55,14 @@ pub fn table(head: &[&str], right: &[usize], rows: Vec<Vec<String>>) -> String {
         }
     }
     let text = table.trim_fmt();
-    text.lines().map(|line| format!("  {}\n", line.trim_end())).collect()
+    let mut lines = String::with_capacity(text.len());
+    for line in text.lines() {
+        // The library puts a blank in front of the first column.
+        lines.push(' ');
+        lines.push_str(line.trim_end());
+        lines.push('\n');
+    }
+    lines
 }
 
 /// The reader of our output has gone away, which is its right.

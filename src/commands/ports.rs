@@ -3,35 +3,67 @@
 use std::io::Write as _;
 
 use anyhow::{Context as _, Result};
-use serde_json::json;
+use serde_json::{Value, json};
 
 use super::{Ended, output};
+use crate::capture::serial::{PortInfo, serial_ports};
 use crate::capture::socketcan::{CanInterfaceInfo, can_interfaces};
 use crate::cli::PortsArgs;
 
 /// Runs the command.
 pub fn run(args: &PortsArgs) -> Result<Ended> {
     let interfaces = can_interfaces().context("cannot list the CAN interfaces")?;
-    if args.json {
-        let can: Vec<_> = interfaces.iter().map(can_json).collect();
-        println!("{}", json!({ "can": can }));
-        return Ok(Ended::Well);
-    }
+    let ports = serial_ports();
     let mut out = output::stdout();
-    output::heading(&mut out, "CAN interfaces")?;
-    if interfaces.is_empty() {
-        writeln!(out, "  none; \"ip link add vcan0 type vcan && ip link set vcan0 up\" makes one")?;
+    if args.json {
+        let can: Vec<Value> = interfaces.iter().map(can_json).collect();
+        let serial: Vec<Value> = ports.iter().map(port_json).collect();
+        writeln!(out, "{}", json!({ "can": can, "serial": serial }))?;
     } else {
-        let head = ["name", "kind", "state", "bit/s", "mtu", "driver"];
-        let rows = interfaces.iter().map(can_row).collect();
-        write!(out, "{}", output::table(&head, &[3, 4], rows))?;
+        print_interfaces(&mut out, &interfaces)?;
+        print_ports(&mut out, &ports)?;
     }
     out.flush()?;
     Ok(Ended::Well)
 }
 
+fn print_interfaces(out: &mut impl std::io::Write, interfaces: &[CanInterfaceInfo]) -> Result<()> {
+    output::heading(out, "CAN interfaces")?;
+    if interfaces.is_empty() {
+        writeln!(out, "  none; \"ip link add vcan0 type vcan && ip link set vcan0 up\" makes one")?;
+        return Ok(());
+    }
+    let head = ["name", "kind", "state", "bit/s", "mtu", "driver"];
+    let rows = interfaces.iter().map(can_row).collect();
+    write!(out, "{}", output::table(&head, &[3, 4], rows))?;
+    Ok(())
+}
+
+fn print_ports(out: &mut impl std::io::Write, ports: &[PortInfo]) -> Result<()> {
+    output::heading(out, "Serial ports")?;
+    if ports.is_empty() {
+        writeln!(out, "  none")?;
+        return Ok(());
+    }
+    let rows = ports.iter().map(|port| {
+        vec![
+            port.path.display().to_string(),
+            or_dash(port.driver.clone()),
+            or_dash(port.usb.clone()),
+            or_dash(Some(port.description.clone()).filter(|text| !text.is_empty())),
+            or_dash(port.by_id.as_ref().map(|path| path.display().to_string())),
+        ]
+    });
+    let head = ["port", "driver", "usb", "description", "stable name"];
+    write!(out, "{}", output::table(&head, &[], rows.collect()))?;
+    Ok(())
+}
+
+fn or_dash(text: Option<String>) -> String {
+    text.unwrap_or_else(|| "-".to_owned())
+}
+
 fn can_row(info: &CanInterfaceInfo) -> Vec<String> {
-    let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
     let bitrate = match (info.bitrate, info.data_bitrate) {
         (Some(nominal), Some(data)) => Some(format!("{nominal}/{data}")),
         (nominal, _) => nominal.map(|rate| rate.to_string()),
@@ -54,7 +86,7 @@ fn state(info: &CanInterfaceInfo) -> &str {
     }
 }
 
-fn can_json(info: &CanInterfaceInfo) -> serde_json::Value {
+fn can_json(info: &CanInterfaceInfo) -> Value {
     json!({
         "name": info.name,
         "kind": info.kind,
@@ -64,5 +96,15 @@ fn can_json(info: &CanInterfaceInfo) -> serde_json::Value {
         "mtu": info.mtu,
         "driver": info.driver,
         "modes": info.modes,
+    })
+}
+
+fn port_json(port: &PortInfo) -> Value {
+    json!({
+        "path": port.path,
+        "by_id": port.by_id,
+        "driver": port.driver,
+        "usb": port.usb,
+        "description": port.description,
     })
 }

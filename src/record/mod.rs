@@ -9,6 +9,7 @@ mod queue;
 mod recorder;
 mod segments;
 mod tally;
+mod wire;
 
 pub use progress::{Progress, State};
 pub use queue::{Allowance, BusIndex, Inlet, Item, Queue, weight};

@@ -3,7 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
-use crate::frame::Timestamp;
+use crate::frame::{Level, Notice, Timestamp};
+
+/// Most sentences kept until somebody shows them.
+const NOTICES_KEPT: usize = 100;
 
 /// Shared between the writer, which changes it, and whoever shows it.
 #[derive(Default)]
@@ -25,7 +28,7 @@ pub struct State {
     /// Writing has ended for good.
     pub failed: bool,
     /// Sentences not shown yet.
-    pub notices: Vec<String>,
+    pub notices: Vec<Notice>,
 }
 
 impl Progress {
@@ -64,7 +67,12 @@ impl Progress {
         self.change(|state| state.failed = true);
     }
 
-    pub(super) fn notice(&self, text: String) {
-        self.change(|state| state.notices.push(text));
+    pub(super) fn notice(&self, level: Level, text: String) {
+        self.change(|state| {
+            // Somebody who does not look must not cost memory; the file has them all.
+            if state.notices.len() < NOTICES_KEPT {
+                state.notices.push(Notice { level, text });
+            }
+        });
     }
 }

@@ -9,6 +9,7 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
 use super::tally::Tally;
+use super::wire::Wire;
 use crate::clock::Timeline;
 use crate::frame::{Frame, Gap, GapReason, Level, Notice, Stamped, Timestamp, Unit};
 
@@ -85,7 +86,7 @@ impl Queue {
     }
 
     /// Takes all of `frames` or nothing. With `force`, also beyond the limit: for the few small
-    /// things that must not be lost, such as the gap that says that others were.
+    /// things that must not be lost, such as the last gaps and what a person should know.
     fn push(&self, bus: BusIndex, frames: &mut Vec<Stamped<Frame>>, force: bool) -> bool {
         let bytes: usize = frames.iter().map(|f| size_of::<Item>() + heap(&f.value)).sum();
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
@@ -149,8 +150,9 @@ pub struct Inlet {
     tally: Arc<Tally>,
     allowance: Arc<Allowance>,
     timeline: Timeline,
-    /// What the full queue has cost since something last fitted.
-    owed: Option<Gap>,
+    /// Gaps that wait until something fits into the full queue again, at most one a reason.
+    owed: Vec<Gap>,
+    wire: Wire,
     scratch: Vec<Stamped<Frame>>,
 }
 
@@ -165,7 +167,24 @@ impl Inlet {
         timeline: Timeline,
     ) -> Self {
         let scratch = Vec::with_capacity(1);
-        Self { bus, unit, queue, tally, allowance, timeline, owed: None, scratch }
+        Self {
+            bus,
+            unit,
+            queue,
+            tally,
+            allowance,
+            timeline,
+            owed: Vec::new(),
+            wire: Wire::default(),
+            scratch,
+        }
+    }
+
+    /// The same, on a bus whose nominal and data bit rates are known.
+    #[must_use]
+    pub fn at_rates(mut self, nominal: Option<u32>, data: Option<u32>) -> Self {
+        self.wire = Wire { rates: nominal.zip(data) };
+        self
     }
 
     /// The recording's timeline.
@@ -187,25 +206,27 @@ impl Inlet {
         let last = frames.last().map_or(first, |f| f.time);
         let count: u64 = frames.iter().map(|f| weight(&f.value)).sum();
         self.tally.received(count);
-        if let Some(gap) = self.owed {
-            // The gap travels in front of what follows it, or not at all yet.
-            frames.insert(0, Stamped { time: gap.to, value: Frame::Gap(gap) });
-        }
+        self.tally.bits(frames.iter().map(|frame| self.wire.bits(&frame.value)).sum());
+        // Gaps travel in front of what follows them, or not at all yet.
+        let owed = self.owed.iter().map(|gap| Stamped { time: gap.to, value: Frame::Gap(*gap) });
+        frames.splice(0..0, owed);
         if self.queue.push(self.bus, frames, false) {
-            self.owed = None;
+            self.owed.clear();
             return;
         }
         frames.clear();
         self.tally.dropped(GapReason::RecorderQueue, count);
-        let gap = self.owed.get_or_insert(Gap {
-            count: 0,
-            unit: self.unit,
-            reason: GapReason::RecorderQueue,
-            from: first,
-            to: last,
-        });
-        gap.count += count;
-        gap.to = last;
+        self.owe(GapReason::RecorderQueue, count, first, last);
+    }
+
+    fn owe(&mut self, reason: GapReason, count: u64, from: Timestamp, to: Timestamp) {
+        match self.owed.iter_mut().find(|gap| gap.reason == reason) {
+            Some(gap) => {
+                gap.count += count;
+                gap.to = gap.to.max(to);
+            }
+            None => self.owed.push(Gap { count, unit: self.unit, reason, from, to }),
+        }
     }
 
     /// Hands over one frame.
@@ -219,8 +240,14 @@ impl Inlet {
     /// Something was lost before it could be read. Counted as received and dropped.
     pub fn gap(&mut self, reason: GapReason, count: u64, from: Timestamp, to: Timestamp) {
         self.tally.missed(reason, count);
-        let gap = Gap { count, unit: self.unit, reason, from, to };
-        self.force(to, Frame::Gap(gap));
+        self.owe(reason, count, from, to);
+        let gap = |gap: &Gap| Stamped { time: gap.to, value: Frame::Gap(*gap) };
+        let mut owed: Vec<_> = self.owed.iter().map(gap).collect();
+        // Where even this does not fit, gaps of one reason add up until it does: a bus that is
+        // lost faster than the disk takes it must not fill the memory with gaps.
+        if self.queue.push(self.bus, &mut owed, false) {
+            self.owed.clear();
+        }
     }
 
     /// A sentence for `/bustape/log`.
@@ -243,7 +270,7 @@ impl Inlet {
 impl Drop for Inlet {
     /// What the full queue cost at the very end is in the file too.
     fn drop(&mut self) {
-        if let Some(gap) = self.owed.take() {
+        for gap in std::mem::take(&mut self.owed) {
             self.force(gap.to, Frame::Gap(gap));
         }
     }
@@ -255,5 +282,79 @@ pub fn weight(frame: &Frame) -> u64 {
         Frame::Can(_) => 1,
         Frame::Serial(bytes) => bytes.data.len() as u64,
         Frame::Gap(_) | Frame::Notice(_) => 0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::clock::{ManualClock, Reading};
+    use crate::frame::{CanFlags, CanFrame};
+
+    const ITEM: usize = size_of::<Item>();
+
+    fn inlet(limit: usize, count: Option<u64>) -> (Arc<Queue>, Arc<Tally>, Inlet) {
+        let clock = ManualClock::new(Reading { wall: 1_000, steady: 0 });
+        let timeline = Timeline::start(Arc::new(clock));
+        let (queue, tally) = (Queue::new(limit), Arc::new(Tally::default()));
+        let allowance = Allowance::new(count);
+        let inlet = Inlet::new(0, Unit::Frames, queue.clone(), tally.clone(), allowance, timeline);
+        (queue, tally, inlet)
+    }
+
+    fn frames(times: std::ops::Range<u64>) -> Vec<Stamped<Frame>> {
+        let frame = Frame::Can(CanFrame::new(1, CanFlags::default(), &[]));
+        times.map(|t| Stamped { time: Timestamp(t), value: frame.clone() }).collect()
+    }
+
+    fn take(queue: &Queue) -> Vec<Stamped<Frame>> {
+        let mut items = Vec::new();
+        queue.take(&mut items, usize::MAX, Duration::ZERO);
+        items.into_iter().map(|item| item.frame).collect()
+    }
+
+    fn gap(count: u64, reason: GapReason, from: u64, to: u64) -> Frame {
+        let (from, to) = (Timestamp(from), Timestamp(to));
+        Frame::Gap(Gap { count, unit: Unit::Frames, reason, from, to })
+    }
+
+    #[test]
+    fn what_a_full_queue_costs_stands_in_front_of_what_follows() {
+        let (queue, tally, mut inlet) = inlet(4 * ITEM, None);
+        inlet.push(&mut frames(0..4));
+        inlet.push(&mut frames(4..7));
+        inlet.push(&mut frames(7..9));
+        assert_eq!(take(&queue), frames(0..4));
+        inlet.push(&mut frames(9..10));
+        let taken = take(&queue);
+        assert_eq!(taken[0].value, gap(5, GapReason::RecorderQueue, 4, 8));
+        assert_eq!(taken[1..], frames(9..10));
+        let totals = tally.totals();
+        assert_eq!((totals.received, totals.lost()), (10, 5));
+    }
+
+    #[test]
+    fn gaps_cannot_fill_the_memory_and_none_is_forgotten() {
+        let (queue, tally, mut inlet) = inlet(2 * ITEM, None);
+        inlet.push(&mut frames(0..2));
+        for t in 2..1_000 {
+            inlet.gap(GapReason::KernelQueue, 3, Timestamp(t), Timestamp(t + 1));
+        }
+        assert_eq!(queue.fill().1, 2 * ITEM);
+        assert_eq!(take(&queue), frames(0..2));
+        drop(inlet);
+        let rest = take(&queue);
+        assert_eq!(rest[0].value, gap(998 * 3, GapReason::KernelQueue, 2, 1_000));
+        assert_eq!(tally.totals().lost(), 998 * 3);
+    }
+
+    #[test]
+    fn no_more_frames_are_taken_than_were_asked_for() {
+        let (queue, tally, mut inlet) = inlet(1 << 20, Some(3));
+        inlet.push(&mut frames(0..2));
+        inlet.push(&mut frames(2..9));
+        assert!(inlet.satisfied());
+        assert_eq!(take(&queue), frames(0..3));
+        assert_eq!(tally.totals().received, 3);
     }
 }

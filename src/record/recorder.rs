@@ -132,6 +132,10 @@ impl Recorder {
 
     fn add(&mut self, item: &Item) {
         let bus = usize::from(item.bus);
+        if let Frame::Notice(notice) = &item.frame.value {
+            let text = format!("{}: {}", self.buses[bus].name, notice.text);
+            self.progress.notice(notice.level, text);
+        }
         let Some(segment) = &mut self.segment else {
             let lost = super::queue::weight(&item.frame.value);
             self.buses[bus].tally.dropped(GapReason::Disk, lost);
@@ -214,7 +218,7 @@ impl Recorder {
         }
         let error = write_error(&failed.part(), error);
         let second = self.error.is_some();
-        self.progress.notice(error.to_string());
+        self.progress.notice(Level::Error, error.to_string());
         self.error = Some(error);
         let now = self.timeline.now();
         if !second && self.open_segment(now).is_ok() {
@@ -311,7 +315,7 @@ impl Recorder {
         let summary = self.summary("split");
         let finished = self.segments.finish(full, summary).and_then(|()| self.open_segment(now));
         if let Err(error) = finished {
-            self.progress.notice(error.to_string());
+            self.progress.notice(Level::Error, error.to_string());
             self.error = Some(error);
             self.progress.failed();
         }
@@ -343,6 +347,7 @@ impl Recorder {
             put("written", totals.written.to_string());
             put("dropped", totals.lost().to_string());
             put("segment_written", in_segment.to_string());
+            put("outages", totals.outages.to_string());
             for reason in REASONS {
                 if totals.lost_to(reason) > 0 {
                     let key = format!("dropped.{}", reason_name(reason));

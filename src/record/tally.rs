@@ -13,6 +13,8 @@ pub struct Tally {
     received: AtomicU64,
     written: AtomicU64,
     dropped: [AtomicU64; REASONS.len()],
+    /// Gaps of which nobody knows how much they cost.
+    outages: AtomicU64,
     /// Bits on the wire, for the bus load.
     bits: AtomicU64,
 }
@@ -36,6 +38,8 @@ pub struct Totals {
     pub written: u64,
     /// What is not, by reason, in the order of [`REASONS`].
     pub dropped: [u64; REASONS.len()],
+    /// Gaps of unknown size: the link was away.
+    pub outages: u64,
     /// Bits on the wire so far.
     pub bits: u64,
 }
@@ -57,7 +61,9 @@ impl Tally {
     }
 
     /// `count` frames or bytes were lost before we could read them: received and dropped at once.
+    /// 0 stands for a number nobody knows.
     pub fn missed(&self, reason: GapReason, count: u64) {
+        self.outages.fetch_add(u64::from(count == 0), Relaxed);
         self.received(count);
         self.dropped(reason, count);
     }
@@ -73,6 +79,7 @@ impl Tally {
             received: self.received.load(Relaxed),
             written: self.written.load(Relaxed),
             dropped: std::array::from_fn(|i| self.dropped[i].load(Relaxed)),
+            outages: self.outages.load(Relaxed),
             bits: self.bits.load(Relaxed),
         }
     }
@@ -87,6 +94,11 @@ impl Totals {
     /// Drops for one reason.
     pub fn lost_to(&self, reason: GapReason) -> u64 {
         self.dropped[index(reason)]
+    }
+
+    /// True when nothing was lost, not even an unknown number.
+    pub fn complete(&self) -> bool {
+        self.lost() == 0 && self.outages == 0
     }
 
     /// received = written + dropped.

@@ -186,7 +186,8 @@ impl BatchBuilder {
 
     fn put_times(&self, out: &mut Vec<u8>) {
         let first = self.times[0];
-        let tick = if self.times.iter().all(|t| (t - first) % 1000 == 0) { 1000 } else { 1 };
+        let tick =
+            if self.times.iter().all(|t| (t - first).is_multiple_of(1000)) { 1000 } else { 1 };
         put_uint(out, 2, tick);
         let deltas = || {
             let before = std::iter::once(&first).chain(&self.times);

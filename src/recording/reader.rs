@@ -260,7 +260,8 @@ fn files_of(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
     for entry in std::fs::read_dir(path).map_err(failed)? {
         let file = entry.map_err(failed)?.path();
         let name = file.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        if name.ends_with(".mcap") || name.ends_with(".mcap.part") {
+        let name = name.strip_suffix(".part").unwrap_or(&name);
+        if Path::new(name).extension().is_some_and(|ending| ending == "mcap") {
             files.push(file);
         }
     }

@@ -12,6 +12,8 @@
 //! | [`zhongheng`] | a telecom rectifier plant behind its RS232 monitor |
 //! | [`source`], [`rectifier_line`] | both as sources, in real time |
 
+#![allow(clippy::cast_possible_truncation, reason = "physics in f64 becomes fields of a protocol")]
+
 pub mod battery;
 pub mod hmi_can;
 pub mod mains;

@@ -167,7 +167,6 @@ impl SimulatedRectifier {
             // Never borrowed across an await, so never borrowed twice.
             let mut inlet = inlet.borrow_mut();
             let time = inlet.timeline().now();
-            inlet.tally().bits(bytes.len() as u64 * 10);
             let bytes = SerialBytes { direction, data: bytes.to_vec(), errors: Vec::new() };
             inlet.push_one(time, Frame::Serial(bytes));
             full.send_replace(inlet.satisfied());

@@ -66,6 +66,23 @@ pub fn link(name: &str) -> io::Result<Option<Link>> {
     }
 }
 
+/// Takes an interface up or down.
+///
+/// # Errors
+/// `EPERM` without `CAP_NET_ADMIN`, `ENODEV` where it is gone, those of its driver.
+pub fn set_up(index: u32, up: bool) -> io::Result<()> {
+    ask(&netlink::request_up(index, up), |_| {})
+}
+
+/// Sets the bit rate of a CAN controller that is down, bit/s; with a data bit rate also CAN FD.
+///
+/// # Errors
+/// `EPERM` without `CAP_NET_ADMIN`, `EBUSY` while it is up, `EINVAL`, `ERANGE` or `EDOM` for a
+/// rate it cannot make, `EOPNOTSUPP` where it has no CAN FD or no bit rate.
+pub fn set_bitrate(index: u32, bitrate: u32, data: Option<u32>) -> io::Result<()> {
+    ask(&netlink::request_bitrate(index, bitrate, data), |_| {})
+}
+
 /// Sends a request and hands every message of the answer to `each`, up to its end.
 fn ask(request: &[u8], mut each: impl FnMut(LinkMessage)) -> io::Result<()> {
     let socket = route_socket(SockFlag::empty())?;

@@ -29,24 +29,64 @@ pub(super) enum LinkMessage {
 
 /// A request for the interface with this name, or for all of them.
 pub(super) fn request(name: Option<&str>) -> Vec<u8> {
-    let flags = match name {
-        Some(_) => libc::NLM_F_REQUEST | libc::NLM_F_ACK,
-        None => libc::NLM_F_REQUEST | libc::NLM_F_DUMP,
-    };
     let mut body = vec![0; INFO];
     // Counters of bytes and packets are not needed.
     attribute(&mut body, libc::IFLA_EXT_MASK, &RTEXT_FILTER_SKIP_STATS.to_ne_bytes());
-    if let Some(name) = name {
-        let name = name.as_bytes();
-        let mut text = name[..name.len().min(NAME_MAX)].to_vec();
-        text.push(0);
-        attribute(&mut body, libc::IFLA_IFNAME, &text);
+    let Some(name) = name else { return message(libc::RTM_GETLINK, libc::NLM_F_DUMP, &body) };
+    let name = name.as_bytes();
+    let mut text = name[..name.len().min(NAME_MAX)].to_vec();
+    text.push(0);
+    attribute(&mut body, libc::IFLA_IFNAME, &text);
+    message(libc::RTM_GETLINK, libc::NLM_F_ACK, &body)
+}
+
+/// A request to take an interface up or down.
+pub(super) fn request_up(index: u32, up: bool) -> Vec<u8> {
+    let mut body = info(index);
+    let bit = libc::IFF_UP.cast_unsigned().to_ne_bytes();
+    body[8..12].copy_from_slice(if up { &bit } else { &[0; 4] });
+    body[12..16].copy_from_slice(&bit);
+    message(libc::RTM_NEWLINK, libc::NLM_F_ACK, &body)
+}
+
+/// A request to run a CAN controller at these bit rates, with CAN FD if there is a second.
+pub(super) fn request_bitrate(index: u32, bitrate: u32, data: Option<u32>) -> Vec<u8> {
+    // struct can_bittiming: with nothing but a bit rate the kernel works out the rest.
+    let timing = |bitrate: u32| {
+        let mut timing = [0; 32];
+        timing[..4].copy_from_slice(&bitrate.to_ne_bytes());
+        timing
+    };
+    let mut settings = Vec::new();
+    attribute(&mut settings, libc::IFLA_CAN_BITTIMING as u16, &timing(bitrate));
+    if let Some(data) = data {
+        attribute(&mut settings, libc::IFLA_CAN_DATA_BITTIMING as u16, &timing(data));
+        // struct can_ctrlmode: which modes to change, and to what.
+        let fd = libc::CAN_CTRLMODE_FD.to_ne_bytes();
+        attribute(&mut settings, libc::IFLA_CAN_CTRLMODE as u16, &[fd, fd].concat());
     }
+    let mut link = Vec::new();
+    attribute(&mut link, libc::IFLA_INFO_KIND, b"can\0");
+    attribute(&mut link, libc::IFLA_INFO_DATA, &settings);
+    let mut body = info(index);
+    attribute(&mut body, libc::IFLA_LINKINFO, &link);
+    message(libc::RTM_NEWLINK, libc::NLM_F_ACK, &body)
+}
+
+/// A `struct ifinfomsg` that names an interface and changes no flags.
+fn info(index: u32) -> Vec<u8> {
+    let mut info = vec![0; INFO];
+    info[4..8].copy_from_slice(&index.to_ne_bytes());
+    info
+}
+
+fn message(kind: u16, flags: i32, body: &[u8]) -> Vec<u8> {
+    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "16-bit flags")]
+    let flags = (flags | libc::NLM_F_REQUEST) as u16;
     let mut message = Vec::with_capacity(HEADER + body.len());
     message.extend(length(HEADER + body.len()).to_ne_bytes());
-    message.extend(libc::RTM_GETLINK.to_ne_bytes());
-    #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "16-bit flags")]
-    message.extend((flags as u16).to_ne_bytes());
+    message.extend(kind.to_ne_bytes());
+    message.extend(flags.to_ne_bytes());
     message.extend([0; 8]); // Sequence number and port: one request a socket needs neither.
     message.extend(body);
     message
@@ -139,14 +179,6 @@ fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
 mod tests {
     use super::*;
 
-    fn message(kind: u16, body: &[u8]) -> Vec<u8> {
-        let mut bytes = length(HEADER + body.len()).to_ne_bytes().to_vec();
-        bytes.extend(kind.to_ne_bytes());
-        bytes.extend([0; 10]);
-        bytes.extend(body);
-        bytes
-    }
-
     fn vcan() -> Vec<u8> {
         let mut body = vec![0, 0];
         body.extend(libc::ARPHRD_CAN.to_ne_bytes());
@@ -158,13 +190,13 @@ mod tests {
         let mut info = Vec::new();
         attribute(&mut info, libc::IFLA_INFO_KIND, b"vcan\0");
         attribute(&mut body, libc::IFLA_LINKINFO | 0x8000, &info);
-        message(libc::RTM_NEWLINK, &body)
+        message(libc::RTM_NEWLINK, 0, &body)
     }
 
     #[test]
     fn a_link_message_tells_kind_and_state() {
         let mut bytes = vcan();
-        bytes.extend(message(3, &[]));
+        bytes.extend(message(3, 0, &[]));
         let expected = Link {
             index: 7,
             name: "plant".into(),
@@ -179,7 +211,7 @@ mod tests {
 
     #[test]
     fn refusals_carry_the_error_number() {
-        let bytes = message(2, &(-libc::ENODEV).to_ne_bytes());
+        let bytes = message(2, 0, &(-libc::ENODEV).to_ne_bytes());
         assert_eq!(messages(&bytes).collect::<Vec<_>>(), [LinkMessage::Error(libc::ENODEV)]);
     }
 
@@ -196,5 +228,21 @@ mod tests {
                 assert!(messages(&wrong).count() <= 1);
             }
         }
+    }
+
+    // As `ip link set can0 type can bitrate 500000 dbitrate 2000000 fd on` sends it.
+    #[test]
+    fn a_bit_rate_is_asked_for_as_ip_does() {
+        let bytes = request_bitrate(7, 500_000, Some(2_000_000));
+        assert_eq!(u32_at(&bytes, 0), Some(length(bytes.len())));
+        let (kind, link) = attributes(&bytes[HEADER + INFO..]).next().unwrap();
+        assert_eq!(kind, libc::IFLA_LINKINFO);
+        let link: Vec<_> = attributes(link).collect();
+        assert_eq!(link[0], (libc::IFLA_INFO_KIND, b"can\0".as_slice()));
+        let settings: Vec<_> = attributes(link[1].1).collect();
+        let kinds: Vec<_> = settings.iter().map(|(kind, value)| (*kind, value.len())).collect();
+        assert_eq!(kinds, [(1, 32), (9, 32), (5, 8)]);
+        assert_eq!(u32_at(settings[0].1, 0), Some(500_000));
+        assert_eq!(u32_at(settings[1].1, 0), Some(2_000_000));
     }
 }

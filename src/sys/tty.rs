@@ -62,11 +62,19 @@ struct RawSerial {
 /// latency timer (FTDI: 16 ms) set it to its least, 1 ms.
 const ASYNC_LOW_LATENCY: libc::c_int = 1 << 13;
 
-nix::ioctl_read_bad!(tiocgicount, libc::TIOCGICOUNT, RawCounts);
-nix::ioctl_read_bad!(tiocgserial, libc::TIOCGSERIAL, RawSerial);
-nix::ioctl_write_ptr_bad!(tiocsserial, libc::TIOCSSERIAL, RawSerial);
-nix::ioctl_read_bad!(tiocoutq, libc::TIOCOUTQ, libc::c_int);
-nix::ioctl_none_bad!(tiocnxcl, libc::TIOCNXCL);
+/// The system calls of tty_ioctl(4) that nix has no safe form of.
+mod ioctl {
+    #![allow(missing_docs, reason = "the macros take no comments; see tty_ioctl(4)")]
+
+    use super::{RawCounts, RawSerial};
+
+    nix::ioctl_read_bad!(tiocgicount, libc::TIOCGICOUNT, RawCounts);
+    nix::ioctl_read_bad!(tiocgserial, libc::TIOCGSERIAL, RawSerial);
+    nix::ioctl_write_ptr_bad!(tiocsserial, libc::TIOCSSERIAL, RawSerial);
+    nix::ioctl_read_bad!(tiocoutq, libc::TIOCOUTQ, libc::c_int);
+    nix::ioctl_none_bad!(tiocnxcl, libc::TIOCNXCL);
+}
+use ioctl::{tiocgicount, tiocgserial, tiocnxcl, tiocoutq, tiocsserial};
 
 /// An open tty: raw, non-blocking, exclusive. Closed (without waiting for unsent bytes) on drop.
 #[derive(Debug)]

@@ -2,6 +2,7 @@
 
 use std::io;
 use std::os::fd::{AsRawFd, OwnedFd};
+use std::rc::Rc;
 
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
@@ -22,6 +23,10 @@ unsafe impl OwnsDescriptor for super::tty::Tty {}
 unsafe impl OwnsDescriptor for super::pty::Pty {}
 // SAFETY: as above.
 unsafe impl OwnsDescriptor for super::opens::Opens {}
+// SAFETY: as above.
+unsafe impl OwnsDescriptor for super::link::LinkWatch {}
+// SAFETY: as above; what is shared stays open until the last owner is gone.
+unsafe impl OwnsDescriptor for Rc<super::CanSocket> {}
 
 /// Lets the event loop wait for `interest` on a descriptor, which must be non-blocking. Call it
 /// on the runtime.
@@ -29,4 +34,36 @@ pub fn register<T: OwnsDescriptor>(inner: T, interest: Interest) -> io::Result<A
     // SAFETY: `OwnsDescriptor` promises what is asked for: one descriptor, open as long as `inner`
     // lives, and AsyncFd owns `inner`.
     Ok(unsafe { AsyncFd::register_with_interest(inner, interest) }?)
+}
+
+/// A descriptor that tokio waits for, as long as this lives.
+#[derive(Debug)]
+pub struct Waiting<T: OwnsDescriptor>(AsyncFd<T>);
+
+impl<T: OwnsDescriptor> Waiting<T> {
+    /// Starts to wait. Must be called inside a tokio runtime.
+    ///
+    /// # Errors
+    /// Where epoll is out of watches or memory.
+    pub fn new(inner: T, interest: Interest) -> io::Result<Self> {
+        register(inner, interest).map(Self)
+    }
+
+    /// Waits until there is something to do, and does it. `WouldBlock` of `act` says that nothing
+    /// is left, so that the next call waits for the kernel's next signal. Nothing is done if this
+    /// is dropped while it waits.
+    ///
+    /// # Errors
+    /// Those of `act`; an error of its own when the runtime shuts down.
+    pub async fn act<R>(
+        &self,
+        interest: Interest,
+        act: impl FnOnce(&T) -> io::Result<R>,
+    ) -> io::Result<R> {
+        // Not AsyncFd::try_io: with two interests it finds neither and never calls `act`
+        // (tokio 1.54).
+        let mut ready = self.0.ready(interest).await?;
+        let acted = ready.try_io(|inner| act(inner.get_ref()));
+        acted.unwrap_or_else(|_| Err(io::ErrorKind::WouldBlock.into()))
+    }
 }

@@ -2,7 +2,7 @@
 //! pseudo-terminals.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
-use std::os::fd::{AsRawFd, BorrowedFd};
+use std::os::fd::AsFd;
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
@@ -73,7 +73,7 @@ impl Recorder {
             let before = thread_cpu();
             let result = runtime.block_on(source.run(inlet, stop)).map_err(|e| e.to_string());
             closing.close();
-            (result, thread_cpu() - before)
+            (result, thread_cpu().checked_sub(before).unwrap())
         });
         opened.recv().expect("the source opens");
         let (from, into) = (Arc::clone(&queue), Arc::clone(&taken));
@@ -201,10 +201,8 @@ impl Device {
     }
 }
 
-fn wait_for(fd: &impl AsRawFd, flags: PollFlags) {
-    // SAFETY: the descriptor is owned by the borrowed value and outlives the call.
-    let fd = unsafe { BorrowedFd::borrow_raw(fd.as_raw_fd()) };
-    poll(&mut [PollFd::new(fd, flags)], PollTimeout::from(50_u16)).unwrap();
+fn wait_for(fd: &impl AsFd, flags: PollFlags) {
+    poll(&mut [PollFd::new(fd.as_fd(), flags)], PollTimeout::from(50_u16)).unwrap();
 }
 
 /// Bytes that repeat late and contain every value: a xorshift generator.

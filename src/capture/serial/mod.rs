@@ -3,6 +3,11 @@
 //! Every read becomes one frame, exactly as the kernel returned it and stamped right after the
 //! read. That stamp can be no better than the way to it: a USB bridge collects bytes for up to its
 //! latency timer (16 ms on common ones, 1 ms with `lowlatency`).
+//!
+//! Modem lines: the kernel raises DTR and RTS when a port is opened, and no program can prevent it
+//! (boards that reset on DTR will). Nothing here changes them afterwards, and a port that only
+//! listens leaves them as they are when it is closed. Breaks, rates and modem lines that an
+//! application sets on the pseudo-terminal of a bridge do not reach the real port.
 
 mod address;
 mod application;

@@ -11,7 +11,6 @@ mod port;
 mod reader;
 mod run;
 mod settings;
-mod wire;
 
 use std::collections::BTreeMap;
 
@@ -85,7 +84,7 @@ impl Source for SocketCan {
         tell("modes", (!info.modes.is_empty()).then(|| info.modes.join(" ")));
         tell("receive_buffer", Some(self.granted.to_string()));
         let hardware = self.options.hardware_timestamps;
-        tell("timestamps", Some(if hardware { "hardware" } else { "kernel" }.into()));
+        tell("timestamps", Some(if hardware { "hardware, else kernel" } else { "kernel" }.into()));
         tell("filters", (!settings.filters.is_empty()).then(|| settings.filter_text.clone()));
         let errors = self.options.error_mask_for(settings);
         tell("error_mask", Some(format!("{errors:08X}")));

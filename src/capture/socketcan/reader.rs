@@ -2,11 +2,10 @@
 
 use super::hardware::HardwareTime;
 use super::message::{Stamps, decode};
-use super::wire::Wire;
 use crate::clock::Stamper;
 use crate::frame::{CanFlags, Frame, GapReason, Level, Stamped, Timestamp};
 use crate::record::Inlet;
-use crate::sys::CanBatch;
+use crate::sys::RawMessage;
 
 /// Puts what is read from one interface into the recording.
 pub(super) struct Reader {
@@ -14,11 +13,13 @@ pub(super) struct Reader {
     /// Name of the interface, for notices.
     name: String,
     stamper: Stamper,
-    wire: Wire,
     hardware: Option<HardwareTime>,
     frames: Vec<Stamped<Frame>>,
     drops: Drops,
     outage: Option<Outage>,
+    /// Told after the frames that are in hand, so that nothing in the recording goes back.
+    news: Option<String>,
+    /// When reading began.
     began: Timestamp,
     /// When the last frame was received.
     last: Option<Timestamp>,
@@ -56,18 +57,18 @@ struct Outage {
 }
 
 impl Reader {
-    pub(super) fn new(name: &str, inlet: Inlet, wire: Wire, hardware: bool) -> Self {
+    pub(super) fn new(name: &str, inlet: Inlet, hardware: bool) -> Self {
         let mut stamper = inlet.timeline().stamper();
         let began = stamper.begin_read();
         Self {
             inlet,
             name: name.to_owned(),
             stamper,
-            wire,
             hardware: hardware.then(HardwareTime::default),
             frames: Vec::new(),
             drops: Drops::default(),
             outage: None,
+            news: None,
             began,
             last: None,
             told_hardware: false,
@@ -75,13 +76,16 @@ impl Reader {
         }
     }
 
-    /// Records what was just read into `batch`, up to the moment `until`. Returns the time now,
-    /// or `None` if there was something later than `until`.
-    pub(super) fn take(&mut self, batch: &CanBatch, until: Timestamp) -> Option<Timestamp> {
+    /// Records what was just read, up to the moment `until`. Returns the time now, or `None` if
+    /// there was something later than `until`.
+    pub(super) fn take<'a>(
+        &mut self,
+        messages: impl Iterator<Item = RawMessage<'a>>,
+        until: Timestamp,
+    ) -> Option<Timestamp> {
         let now = self.stamper.begin_read();
-        let mut bits = 0;
         let mut ended = false;
-        for message in batch.messages() {
+        for message in messages {
             let Some(message) = decode(message) else {
                 self.tell_foreign();
                 continue;
@@ -97,12 +101,11 @@ impl Reader {
                 self.flush();
                 self.inlet.gap(GapReason::KernelQueue, count, self.last(), time);
             }
-            bits += self.wire.bits(&message.frame);
             self.frames.push(Stamped { time, value: Frame::Can(message.frame) });
             self.last = Some(time);
         }
-        self.inlet.tally().bits(bits);
         self.flush();
+        self.tell_news();
         (!ended).then_some(now)
     }
 
@@ -148,8 +151,14 @@ impl Reader {
         self.inlet.gap(GapReason::LinkDown, 0, outage.from, to);
         let millis = to.since(outage.from).div_ceil(1_000_000);
         let (name, seconds, rest) = (&self.name, millis / 1_000, millis % 1_000);
-        let text = format!("{name} is up again: nothing recorded for {seconds}.{rest:03} s");
-        self.inlet.notice(Level::Info, text);
+        self.news = Some(format!("{name} is up again: nothing recorded for {seconds}.{rest:03} s"));
+    }
+
+    /// What happened to the link, if that has not been told yet.
+    pub(super) fn tell_news(&mut self) {
+        if let Some(text) = self.news.take() {
+            self.inlet.notice(Level::Info, text);
+        }
     }
 
     /// True while the link is not known to be there.
@@ -212,3 +221,6 @@ impl Reader {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -10,13 +10,12 @@ use super::bitrate::{self, Rate};
 use super::pace::Pace;
 use super::port::Port;
 use super::reader::Reader;
-use super::wire::Wire;
 use super::{CanOptions, CanSettings, SocketCan, interfaces, open};
 use crate::capture::{CaptureError, Stop};
 use crate::frame::{Level, Timestamp};
 use crate::record::Inlet;
 use crate::sys::link::{self, Link, LinkWatch};
-use crate::sys::{CanBatch, Waiting};
+use crate::sys::{CanBatch, CanSocket, Waiting};
 
 /// How often drops are counted and the link is looked at.
 const CHECK: Duration = Duration::from_secs(1);
@@ -27,6 +26,9 @@ const CHECK_DOWN: Duration = Duration::from_millis(200);
 const FRAME_BYTES: usize = 1024;
 /// Most reads in one check, so that a flood cannot keep it from ending.
 const READS: u32 = 64;
+
+/// Index of no interface.
+const NOWHERE: u32 = 0;
 
 /// No end to what is recorded.
 const FOREVER: Timestamp = Timestamp(u64::MAX);
@@ -52,15 +54,11 @@ struct Capture {
 /// Reads the interface into `inlet` until `stop`, then what the kernel still holds.
 pub(super) async fn run(
     source: SocketCan,
-    mut inlet: Inlet,
+    inlet: Inlet,
     mut stop: Stop,
 ) -> Result<(), CaptureError> {
-    for (level, text) in source.notices {
-        inlet.notice(level, text);
-    }
     let name = source.settings.interface.clone();
-    let wire = Wire { rates: source.info.bitrate.zip(source.info.data_bitrate) };
-    let reader = Reader::new(&name, inlet, wire, source.options.hardware_timestamps);
+    let reader = Reader::new(&name, inlet, source.options.hardware_timestamps);
     let lost = |error: io::Error| CaptureError(format!("cannot read from {name}: {error}"));
     let mut capture = Capture {
         known: reader.inlet.timeline().now(),
@@ -76,6 +74,11 @@ pub(super) async fn run(
         settings: source.settings,
         options: source.options,
     };
+    // What was received since the opening is older than what is said now.
+    capture.check().map_err(lost)?;
+    for (level, text) in source.notices {
+        capture.reader.inlet.notice(level, text);
+    }
     while capture.step(&mut stop).await.map_err(lost)? {}
     if capture.reader.inlet.satisfied() {
         return Ok(()); // What came after the last frame that was asked for does not matter.
@@ -100,7 +103,7 @@ impl Capture {
     fn read(&mut self, received: io::Result<usize>) -> io::Result<()> {
         match received {
             Ok(count) => {
-                let now = self.reader.take(&self.batch, FOREVER).unwrap_or(self.known);
+                let now = self.reader.take(self.batch.messages(), FOREVER).unwrap_or(self.known);
                 if self.batch.is_full() {
                     self.pace.go_on(count);
                     return Ok(());
@@ -148,7 +151,7 @@ impl Capture {
         for _ in 0..reads {
             let before = self.reader.inlet.timeline().now();
             match self.port.socket().receive(&mut self.batch) {
-                Ok(_) if self.reader.take(&self.batch, until).is_some() => {}
+                Ok(_) if self.reader.take(self.batch.messages(), until).is_some() => {}
                 Ok(_) => return Ok(true),
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {
                     if !self.reader.is_down() {
@@ -167,12 +170,10 @@ impl Capture {
         let Some(link) = link else {
             let text = format!("{name} is gone: recording goes on when it is back");
             self.down(text);
-            return Ok(());
+            return self.let_go();
         };
         if link.index != self.index {
-            // The name belongs to another interface now; what ours may still receive was not
-            // asked for.
-            let text = format!("{name} was removed and made again");
+            let text = format!("{name} is another interface now: recording goes on with that");
             self.down(text);
             return self.move_to(link);
         }
@@ -184,6 +185,7 @@ impl Capture {
             let now = self.reader.inlet.timeline().now();
             self.drain(FOREVER, READS)?;
             self.reader.link_up(now);
+            self.reader.tell_news();
             self.known = now;
             self.told_failure = false;
         }
@@ -194,6 +196,17 @@ impl Capture {
         if self.reader.link_down(self.known) {
             self.reader.inlet.notice(Level::Warning, text);
         }
+    }
+
+    /// Stops listening to an interface that has lost the name, if it still exists: a socket that
+    /// is bound to nothing receives nothing.
+    fn let_go(&mut self) -> io::Result<()> {
+        if self.index != NOWHERE {
+            self.port = Port::new(CanSocket::new()?)?;
+            self.reader.new_socket();
+            self.index = NOWHERE;
+        }
+        Ok(())
     }
 
     /// Listens to an interface that has taken the name. Bound before it is up, so that its first

@@ -76,7 +76,7 @@ impl FromStr for CanSettings {
             settings.set_rates(rates)?;
         }
         if let Some(filters) = filters {
-            settings.filter_text = filters.to_owned();
+            filters.clone_into(&mut settings.filter_text);
             for filter in filters.split(',') {
                 settings.add_filter(filter)?;
             }

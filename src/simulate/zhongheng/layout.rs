@@ -80,7 +80,7 @@ pub fn command(id: u16) -> Option<&'static Command> {
 impl Command {
     /// Bytes of one record, or of the whole when there are no records.
     pub fn record_length(&self) -> usize {
-        self.fields.iter().map(|field| field.length()).sum()
+        self.fields.iter().map(Field::length).sum()
     }
 
     /// The data, from the plant and the factory settings; `position` is what 0x40ec asks for.

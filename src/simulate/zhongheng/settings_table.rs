@@ -247,7 +247,7 @@ pub const SETTINGS: &[Command] = &[
         u8("sleep_power_low_threshold", Is(30.0)),
         u16("sleep_cycle_interval_time", Is(30.0)),
         u16("sleep_restart_time", Is(300.0)),
-        u32("sleep_cycle_period_restart_time", Is(604800.0)),
+        u32("sleep_cycle_period_restart_time", Is(604_800.0)),
         u8("sleep_min_rectifiers_on", Is(2.0)),
     ]),
 ];

@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::frame::{Control, Deframer, Escaping, Frame, link};
-use super::layout::{command, commands};
+use super::layout::{Kind, command, commands};
 use super::plant::{Plant, RECTIFIERS};
 use super::slave::{SET, status};
 use super::{Master, Slave};
@@ -71,6 +71,75 @@ fn thirty_two_commands_with_405_fields_have_the_documented_lengths() {
     }
     assert_eq!(command(0x414F).map(|c| c.id), Some(0x414B));
     assert!(command(0x0003).is_none());
+}
+
+/// Types of the fields of every command (section 8): b U8, h U16, w U32, f float, t text and r
+/// raw bytes of that length; a number in front repeats.
+#[rustfmt::skip]
+const TYPES: [(u16, &str); 32] = [
+    (0x0000, "b"),
+    (0x0001, "w"),
+    (0x0002, "w"),
+    (0x0064, "3f 2b 2f b f 2h b f h b f b w 4b h 3w 4b h 3w 3b 4f w 5b h f 2h b"),
+    (0x0065, "b"),
+    (0x007c, "t20 6b"),
+    (0x00a2, "t20 2b"),
+    (0x00b6, "4b"),
+    (0x00b9, "w b"),
+    (0x00c8, "b w f"),
+    (0x012c, "f b"),
+    (0x012d, "f 2w"),
+    (0x0197, "h b 6h 2b h 5b 2h 6b 2h 3b 3h 3b 2h 2b 2h 4b h b h 35b 2h r13 2b"),
+    (0x019a, "w"),
+    (0x01a8, "b"),
+    (0x01a9, "f"),
+    (0x0259, "3b"),
+    (0x0289, "w"),
+    (0x028a, "f b 2f b f w 2h b h 2b 2f b 4f"),
+    (0x028b, "b"),
+    (0x028c, "b"),
+    (0x028d, "4b 2h w b"),
+    (0x407e, "12f"),
+    (0x409c, "6f"),
+    (0x40b0, "b f b 2w b w f b 2w b f b w 2f b w b f b f b h 2b h 2b 2w b r20"),
+    (0x40e2, "40b"),
+    (0x40ec, "2f b f b w 2b f h f 2w"),
+    (0x40ed, "b w b 3t16"),
+    (0x40ee, "2f"),
+    (0x40ef, "4b"),
+    (0x40f0, "3w"),
+    (0x414b, "80b"),
+];
+
+#[test]
+fn every_field_has_its_documented_type() {
+    for (id, types) in TYPES {
+        let expected: Vec<String> = types
+            .split(' ')
+            .flat_map(|word| {
+                let kind = word.trim_start_matches(|c: char| c.is_ascii_digit());
+                let count = word[..word.len() - kind.len()].parse().unwrap_or(1);
+                vec![kind.to_string(); count]
+            })
+            .collect();
+        let command = command(id).expect("missing command");
+        let found: Vec<String> = command
+            .fields
+            .iter()
+            .flat_map(|field| {
+                let kind = match field.kind {
+                    Kind::U8 => "b".to_string(),
+                    Kind::U16 => "h".to_string(),
+                    Kind::U32 => "w".to_string(),
+                    Kind::F32 => "f".to_string(),
+                    Kind::Text(length) => format!("t{length}"),
+                    Kind::Bytes(length) => format!("r{length}"),
+                };
+                vec![kind; usize::from(field.count)]
+            })
+            .collect();
+        assert_eq!(found, expected, "{id:04x} {}", command.name);
+    }
 }
 
 #[test]
@@ -183,7 +252,7 @@ fn the_cut_of_the_bytes_does_not_matter() {
     let mut said = Vec::new();
     for cut in [1, 3, 1000] {
         let mut slave = Slave::new(1, 9, 1.0);
-        let requests: Vec<u8> = [0x40_7E_u16, 0x00_64, 0x41_4B]
+        let requests: Vec<u8> = [0x407E_u16, 0x0064, 0x414B]
             .into_iter()
             .flat_map(|id| {
                 let data = id.to_be_bytes().to_vec();
@@ -314,7 +383,10 @@ fn check_ranges(plant: &Plant, context: &str) {
     }
     let phase = plant.phase(1);
     assert!(phase == 0.0 || (190.0..250.0).contains(&phase), "phase is {phase} {context}");
-    let sum: f64 = (0..RECTIFIERS).filter_map(|i| plant.rectifier(i)).map(|r| r.current()).sum();
+    let sum: f64 = (0..RECTIFIERS)
+        .filter_map(|i| plant.rectifier(i))
+        .map(super::rectifier::Rectifier::current)
+        .sum();
     assert!((sum - plant.rectifier_current()).abs() < 0.06 * sum + 0.01, "{sum} A {context}");
     let battery = plant.rectifier_current() - plant.load_current();
     assert!((battery - plant.battery().current()).abs() < 1e-9, "currents {context}");

@@ -1,0 +1,85 @@
+//! The books, for a person or a program, and what they mean for the exit status.
+
+use std::io::Write as _;
+
+use anyhow::{Result, bail};
+use serde_json::json;
+
+use super::Recorded;
+use crate::commands::{Ended, output};
+use crate::record::{REASONS, Totals, reason_name, unit_name};
+use crate::text::grouped;
+
+/// Prints the books, and says how it went.
+pub fn report(recorded: &Recorded, as_json: bool) -> Result<Ended> {
+    let mut out = output::stdout();
+    if as_json {
+        writeln!(out, "{}", report_json(recorded))?;
+    } else {
+        report_text(&mut out, recorded)?;
+    }
+    out.flush()?;
+    if let Some(error) = &recorded.outcome.error {
+        bail!("{error}");
+    }
+    if !recorded.errors.is_empty() {
+        return Ok(Ended::WithLoss);
+    }
+    let complete = recorded.outcome.totals.iter().all(Totals::complete);
+    Ok(if complete { Ended::Well } else { Ended::WithLoss })
+}
+
+fn report_text(out: &mut impl std::io::Write, recorded: &Recorded) -> Result<()> {
+    for ((name, unit), totals) in recorded.buses.iter().zip(&recorded.outcome.totals) {
+        write!(
+            out,
+            "{name}: received {} = written {} + dropped {} {}",
+            grouped(totals.received),
+            grouped(totals.written),
+            grouped(totals.lost()),
+            unit_name(*unit),
+        )?;
+        let reasons: Vec<String> = REASONS
+            .into_iter()
+            .filter(|reason| totals.lost_to(*reason) > 0)
+            .map(|reason| format!("{} {}", reason_name(reason), grouped(totals.lost_to(reason))))
+            .collect();
+        if !reasons.is_empty() {
+            write!(out, " ({})", reasons.join(", "))?;
+        }
+        if totals.outages > 0 {
+            write!(out, "; away {} times, for which nobody knows the number", totals.outages)?;
+        }
+        writeln!(out)?;
+    }
+    for file in recorded.files() {
+        let bytes = std::fs::metadata(file).map_or(0, |m| m.len());
+        writeln!(out, "{} ({})", file.display(), crate::text::size(bytes))?;
+    }
+    Ok(())
+}
+
+fn report_json(recorded: &Recorded) -> serde_json::Value {
+    let buses =
+        recorded.buses.iter().zip(&recorded.outcome.totals).map(|((name, unit), totals)| {
+            let dropped = REASONS.into_iter().filter(|reason| totals.lost_to(*reason) > 0);
+            let dropped: serde_json::Map<_, _> = dropped
+                .map(|reason| (reason_name(reason).to_owned(), json!(totals.lost_to(reason))))
+                .collect();
+            json!({
+                "bus": name,
+                "unit": unit_name(*unit),
+                "received": totals.received,
+                "written": totals.written,
+                "dropped": totals.lost(),
+                "dropped_by_reason": dropped,
+            "outages": totals.outages,
+            })
+        });
+    json!({
+        "reason": recorded.reason,
+        "buses": buses.collect::<Vec<_>>(),
+        "files": recorded.files(),
+        "errors": recorded.errors,
+    })
+}

@@ -1,0 +1,124 @@
+//! What goes on beside the sources: signals, the clock, the writer's state, the status line.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use anyhow::{Context as _, Result};
+use tokio::signal::unix::{Signal, SignalKind, signal};
+
+use super::plan::Plan;
+use crate::clock::Timeline;
+use crate::commands::output;
+use crate::commands::status::StatusLine;
+use crate::frame::{Level, Notice};
+use crate::record::{Allowance, Outcome, Progress, Tally, Totals};
+
+/// Waits beside the sources and tells how things go.
+pub struct Watch<'a> {
+    /// The recording's timeline.
+    pub timeline: &'a Timeline,
+    /// What the writer is doing.
+    pub progress: &'a Progress,
+    /// The books of each bus.
+    pub tallies: &'a [Arc<Tally>],
+    /// The writer's thread.
+    pub writer: &'a std::thread::JoinHandle<Outcome>,
+    /// The line on the terminal.
+    pub status: StatusLine,
+    /// Sources that ended with an error.
+    pub errors: Vec<String>,
+}
+
+type SourceTask = Result<Result<(), String>, tokio::task::JoinError>;
+
+impl Watch<'_> {
+    /// Returns why the recording ends.
+    pub async fn until_end(
+        &mut self,
+        sources: &mut tokio::task::JoinSet<Result<(), String>>,
+        signals: &mut Signals,
+        plan: &Plan,
+        allowance: &Allowance,
+    ) -> &'static str {
+        let started = self.timeline.now();
+        let mut tick = tokio::time::interval(Duration::from_millis(250));
+        let end = async {
+            match plan.duration {
+                Some(duration) => tokio::time::sleep(duration).await,
+                None => std::future::pending().await,
+            }
+        };
+        tokio::pin!(end);
+        loop {
+            tokio::select! {
+                name = signals.next() => return name,
+                () = &mut end => return "duration",
+                ended = sources.join_next() => match ended {
+                    Some(ended) => self.note(ended),
+                    None if allowance.used_up() => return "count",
+                    None => return "all buses ended",
+                },
+                _ = tick.tick() => {
+                    let state = self.progress.take();
+                    tell(&mut self.status, &state.notices);
+                    // A writer that panicked must not leave capture filling the queue for months.
+                    if state.failed || self.writer.is_finished() {
+                        return "write error";
+                    }
+                    let totals: Vec<Totals> = self.tallies.iter().map(|t| t.totals()).collect();
+                    self.status.show(started, self.timeline.now(), &totals, &state);
+                }
+            }
+        }
+    }
+
+    /// Takes note of a source that has ended.
+    pub fn note(&mut self, ended: SourceTask) {
+        let error = match ended {
+            Ok(Ok(())) => return,
+            Ok(Err(error)) => error,
+            Err(error) => format!("a source has failed: {error}"),
+        };
+        self.status.clear();
+        output::warning(&error);
+        self.errors.push(error);
+    }
+}
+
+/// Shows sentences, each once.
+pub fn tell(status: &mut StatusLine, notices: &[Notice]) {
+    for notice in notices {
+        status.clear();
+        match notice.level {
+            Level::Info => output::note(&notice.text),
+            Level::Warning | Level::Error => output::warning(&notice.text),
+        }
+    }
+}
+
+/// The three ways a person or the system says stop.
+pub struct Signals {
+    interrupt: Signal,
+    terminate: Signal,
+    hangup: Signal,
+}
+
+impl Signals {
+    /// Listens to all three from now on.
+    pub fn new() -> Result<Self> {
+        let listen = |kind| signal(kind).context("cannot listen to signals");
+        Ok(Self {
+            interrupt: listen(SignalKind::interrupt())?,
+            terminate: listen(SignalKind::terminate())?,
+            hangup: listen(SignalKind::hangup())?,
+        })
+    }
+
+    async fn next(&mut self) -> &'static str {
+        tokio::select! {
+            _ = self.interrupt.recv() => "SIGINT",
+            _ = self.terminate.recv() => "SIGTERM",
+            _ = self.hangup.recv() => "SIGHUP",
+        }
+    }
+}

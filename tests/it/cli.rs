@@ -1,0 +1,141 @@
+//! The command line: what it refuses, and what its help says.
+
+use std::ffi::OsString;
+
+use crate::support::process::{args, bustape};
+
+const COMMANDS: [&str; 6] = ["record", "info", "cat", "convert", "ports", "demo"];
+
+#[test]
+fn wrong_usage_is_refused_with_a_sentence_and_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.mcap");
+    let out = out.to_str().unwrap();
+    let sim = "sim:hmi-can";
+    for (args, sentence) in [
+        (&["record", "-o", out][..], "<BUS>"),
+        (&["record", sim], "<--output <FILE>|--dir <DIR>>"),
+        (&["record", sim, "-o", out, "-d", "."], "cannot be used with"),
+        (&["record", "sim:toaster", "-o", out], "there are sim:hmi-can and sim:zhongheng-09"),
+        (&["record", "a/b=can0", "-o", out], "bus \"a/b=can0\": "),
+        (&["record", "bustape=can0", "-o", out], "\"bustape\" is taken"),
+        (&["record", "=can0", "-o", out], "cannot be a name"),
+        (&["record", "can0@fast", "-o", out], "bus \"can0@fast\": "),
+        (&["record", "/dev/ttyUSB0", "-o", out], "write it as /dev/ttyUSB0,19200,8N1"),
+        (&["record", "/dev/ttyUSB0,19200,9N1", "-o", out], "`9N1`"),
+        (&["record", "tap:/dev/ttyUSB0,9600", "-o", out], "needs two ports"),
+        (&["record", "slcan:/dev/ttyACM0", "-o", out], "bus \"slcan:/dev/ttyACM0\": "),
+        (&["record", "", "-o", out], "bus \"\": "),
+        (
+            &["record", sim, sim, "-o", out],
+            "two buses are called hmi-can; give one of them another",
+        ),
+        (&["record", "a=sim:hmi-can", "a=sim:zhongheng-09", "-o", out], "two buses are called a"),
+        (
+            &["record", sim, "-o", out, "--duration", "soon"],
+            "write it like 200ms, 90s, 1m30s or 8h",
+        ),
+        (&["record", sim, "-o", out, "--duration=-5s"], "write it like 200ms"),
+        (&["record", sim, "-o", out, "--count", "0"], "0 is not in 1.."),
+        (&["record", sim, "-o", out, "--chunk-time", "0"], "the least is 1ms"),
+        (&["record", sim, "-o", out, "--split-time", "10us"], "the least is 1ms"),
+        (&["record", sim, "-o", out, "--chunk-size", "1KiB"], "not between 4KiB and 16MiB"),
+        (
+            &["record", sim, "-o", out, "--split-size", "much"],
+            "write it like 512KiB, 64MiB or 1GiB",
+        ),
+        (&["record", sim, "-o", out, "--split-size", "1KiB"], "the least is 64KiB"),
+        (&["record", sim, "-o", out, "--queue=-1"], "is not a size"),
+        (&["record", sim, "-o", out, "--receive-buffer", "2GiB"], "the most is 1GiB"),
+        (&["record", sim, "-o", out, "--compression", "20"], "1..=19"),
+        (&["record", sim, "-o", out, "--layout", "round"], "possible values: frame, batch"),
+        (&["record", sim, "-d", ".", "--name", "a/b"], "letters, digits"),
+        (&["info"], "<FILE>"),
+        (&["cat"], "<FILE>"),
+        (&["convert", "a.mcap"], "--output <FILE>"),
+        (&["convert", "-o", "b.mcap"], "<FILE>"),
+        (&["demo", "--duration", "0"], "the least is 1ms"),
+        (&["play"], "unrecognized subcommand"),
+        (&[], "Usage: bustape"),
+        (&["info", "--fast", "a.mcap"], "unexpected argument"),
+    ] {
+        let ran = bustape(args).expect(2);
+        assert!(ran.err.contains(sentence), "{args:?}: {}", ran.err);
+        assert_eq!(ran.out, "", "{args:?}");
+        assert!(ran.err.starts_with("error: ") || args.is_empty(), "{args:?}: {}", ran.err);
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn a_bus_that_cannot_be_opened_is_said_and_leaves_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.mcap");
+    for (bus, sentence) in [
+        // Some kernels have no CAN at all.
+        ("nosuchcan7", "can"),
+        ("/dev/ttyNONE7,9600", "cannot open serial port /dev/ttyNONE7: there is no such device"),
+        ("pty:/nowhere/at/all", "its folder does not exist"),
+        ("slcan:/dev/ttyNONE7@500000", "/dev/ttyNONE7"),
+    ] {
+        // The one that works must not begin either.
+        let ran = bustape(args(&[&"record", &"sim:hmi-can", &bus, &"-o", &out])).expect(1);
+        assert!(ran.err.starts_with("error: ") && ran.err.contains(sentence), "{}", ran.err);
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+fn help(command: &str) -> String {
+    let help: Vec<OsString> = match command {
+        "" => args(&[&"--help"]),
+        command => args(&[&command, &"--help"]),
+    };
+    let ran = bustape(help).expect(0);
+    assert_eq!(ran.err, "");
+    ran.out
+}
+
+#[test]
+fn the_help_is_as_it_was_read_last() {
+    for command in [""].iter().chain(&COMMANDS) {
+        let name = if command.is_empty() { "bustape" } else { command };
+        insta::with_settings!({ prepend_module_to_snapshot => false, omit_expression => true }, {
+            insta::assert_snapshot!(format!("help-{name}"), help(command));
+        });
+    }
+}
+
+#[test]
+fn the_help_tells_the_default_and_the_unit_of_every_option() {
+    for command in COMMANDS {
+        let text = help(command);
+        let (_, options) = text.split_once("\nOptions:\n").unwrap();
+        let mut blocks: Vec<String> = Vec::new();
+        for line in options.lines().take_while(|line| line.is_empty() || line.starts_with(' ')) {
+            // Possible values stand deeper, each behind a dash.
+            match line.trim_start().starts_with('-') && !line.starts_with("        ") {
+                true => blocks.push(line.to_owned()),
+                false => blocks.last_mut().unwrap().push_str(line),
+            }
+        }
+        assert!(blocks.len() > 1, "{text}");
+        for block in blocks.iter().filter(|block| block.contains(" <")) {
+            let selects = ["--topics", "--start", "--end", "--filter"];
+            let target = ["--output", "--dir"];
+            let free = selects.iter().chain(&target).any(|option| block.contains(option));
+            assert!(free || block.contains("[default: "), "{command}: no default in {block}");
+            let units = ["<TIME>", "<SIZE>"].iter().any(|value| block.contains(value));
+            let unit = ["ms", "s]", "s,", "MiB", "RFC 3339", "this time"].iter();
+            assert!(
+                !units || unit.clone().any(|u| block.contains(u)),
+                "{command}: no unit in {block}"
+            );
+        }
+    }
+}
+
+#[test]
+fn the_version_is_the_package_s() {
+    let ran = bustape(["--version"]).expect(0);
+    assert_eq!(ran.out, format!("bustape {}\n", env!("CARGO_PKG_VERSION")));
+}

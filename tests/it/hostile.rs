@@ -1,0 +1,215 @@
+//! Files that are damaged, or made to do harm.
+
+use std::io::Write as _;
+use std::os::unix::process::{CommandExt as _, ExitStatusExt as _};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+use bustape::frame::{
+    CanFlags, CanFrame, Direction, Frame, Gap, GapReason, SerialBytes, Timestamp, Unit,
+};
+use bustape::recording::writer::Layout;
+
+use crate::support::bytes::{Random, noise};
+use crate::support::make::{START, at, make};
+use crate::support::mcap;
+use crate::support::process::{BUSTAPE, args, bustape};
+use crate::support::several;
+
+/// Change it to try other edits; then also try more of them.
+const SEED: u64 = 1;
+const EDITS: usize = 2_000;
+
+/// What a reader may ask for. Beyond it an allocation fails, and the process aborts.
+const MEMORY: u64 = 1 << 30;
+
+/// A small recording with everything in it.
+fn sound(folder: &Path, layout: Layout) -> (PathBuf, Vec<u8>) {
+    let can = |n: u64| Frame::Can(CanFrame::new(n as u32 % 5, CanFlags::FD, &[n as u8; 8]));
+    let serial = |n: u64| {
+        let (direction, data, errors) = (Direction::Tx, vec![n as u8; 9], Vec::new());
+        Frame::Serial(SerialBytes { direction, data, errors })
+    };
+    let (from, to) = (Timestamp(START), Timestamp(START + 5));
+    let gap = Gap { count: 3, unit: Unit::Frames, reason: GapReason::Adapter, from, to };
+    let mut frames: Vec<_> = (0..130).map(|n| (0, at(n * 1_000, can(n)))).collect();
+    frames.extend((0..20).map(|n| (1, at(200_000 + n, serial(n)))));
+    frames.push((0, at(300_000, Frame::Gap(gap))));
+    let path = folder.join(format!("{}.mcap", layout.name()));
+    make(&path, layout, &["can0", "rect"], &frames);
+    let bytes = std::fs::read(&path).unwrap();
+    (path, bytes)
+}
+
+/// Runs one of the commands that read files, with little memory. Panics if it does not end by
+/// itself with a sentence.
+fn survives(which: usize, file: &Path, about: &str) -> Output {
+    let new = file.with_extension("new");
+    let mut command = Command::new(BUSTAPE);
+    match which % 5 {
+        0 => command.arg("info"),
+        1 => command.arg("cat"),
+        2 => command.args(["cat", "--json", "--topics", "*"]),
+        3 => command.args(["info", "--json"]),
+        _ => command.args(["convert", "--layout", "batch", "-o"]).arg(&new),
+    };
+    command.arg(file).stdin(Stdio::null());
+    // SAFETY: setrlimit may be called between fork and exec.
+    unsafe {
+        command.pre_exec(|| {
+            let limit = libc::rlimit { rlim_cur: MEMORY, rlim_max: MEMORY };
+            match libc::setrlimit(libc::RLIMIT_AS, &limit) {
+                0 => Ok(()),
+                _ => Err(std::io::Error::last_os_error()),
+            }
+        });
+    }
+    let output = command.output().unwrap();
+    std::fs::remove_file(&new).ok();
+    let said = String::from_utf8_lossy(&output.stderr);
+    let kept = || {
+        let kept = std::env::temp_dir().join("bustape-hostile.mcap");
+        std::fs::copy(file, &kept).unwrap();
+        format!("{about}, {command:?}, kept as {}: {} {said}", kept.display(), output.status)
+    };
+    assert!(output.status.signal().is_none(), "{}", kept());
+    let code = output.status.code();
+    assert!(matches!(code, Some(0 | 1 | 3)) && !said.contains("panicked"), "{}", kept());
+    assert!(code == Some(0) || !said.is_empty(), "{}", kept());
+    output
+}
+
+#[test]
+fn a_file_cut_off_anywhere_is_read_up_to_there() {
+    let folder = tempfile::tempdir().unwrap();
+    for layout in [Layout::Frame, Layout::Batch] {
+        let (path, bytes) = sound(folder.path(), layout);
+        let records: Vec<usize> = mcap::finished(&path).records.iter().map(|r| r.1).collect();
+        // At each boundary, within each record's head, and in the middle of each record.
+        let middles = records.windows(2).map(|pair| (pair[0] + pair[1]) / 2);
+        let boundaries = records.iter().copied().chain([bytes.len()]);
+        let mut ends: Vec<usize> = boundaries.flat_map(|at| [at, at - 1, at + 5]).collect();
+        ends.extend(middles);
+        ends.extend([0, 1, 7, 8, 9]);
+        ends.retain(|end| *end < bytes.len());
+        ends.sort();
+        ends.dedup();
+        several(ends.into_iter().enumerate().collect(), |(number, end)| {
+            let file = folder.path().join(format!("{}-{end}.mcap", layout.name()));
+            std::fs::write(&file, &bytes[..end]).unwrap();
+            let about = format!("{} bytes of {}", end, layout.name());
+            let output = survives(number, &file, &about);
+            if end < 8 {
+                assert_eq!(output.status.code(), Some(1), "{about}");
+                return;
+            }
+            let strict = mcap::parse(&bytes[..end], false).unwrap();
+            let info = bustape(args(&[&"info", &"--json", &file])).expect(0).json();
+            assert_eq!(info["segments"][0]["finished"], false, "{about}");
+            assert_eq!(info["segments"][0]["messages"], strict.messages.len(), "{about}");
+        });
+    }
+}
+
+#[test]
+fn random_damage_never_crashes_a_reader_nor_takes_its_memory() {
+    println!("seed {SEED}");
+    let folder = tempfile::tempdir().unwrap();
+    let originals = [Layout::Frame, Layout::Batch].map(|layout| sound(folder.path(), layout).1);
+    let halves = std::thread::available_parallelism().map_or(2, usize::from).min(4);
+    let work = (0..halves).map(|half| (half, folder.path().join(format!("{half}.mcap")))).collect();
+    several(work, |(half, file): (usize, PathBuf)| {
+        for edit in (half..EDITS).step_by(halves) {
+            let mut random = Random::new(SEED << 32 | edit as u64);
+            let mut bytes = originals[random.below(2)].clone();
+            for _ in 0..=random.below(4) {
+                damage(&mut bytes, &mut random);
+            }
+            std::fs::write(&file, bytes).unwrap();
+            survives(random.below(5), &file, &format!("edit {edit}"));
+        }
+    });
+}
+
+/// One of the things that happen to files, and one that somebody may think of.
+fn damage(bytes: &mut Vec<u8>, random: &mut Random) {
+    let at = random.below(bytes.len().max(1));
+    match random.below(7) {
+        _ if bytes.len() < 32 => bytes.push(1),
+        0 => bytes[at] ^= 1 << random.below(8),
+        1 => bytes[at] = random.next() as u8,
+        // A length, a count or an offset that goes too far.
+        2 => {
+            let extreme = [u64::MAX, 1 << 63, 1 << 40, 1 << 31, 0xFFFF_FFFF, 0][random.below(6)];
+            let at = at.min(bytes.len() - 8);
+            let width = [4, 8][random.below(2)];
+            bytes[at..at + width].copy_from_slice(&extreme.to_le_bytes()[..width]);
+        }
+        3 => bytes.truncate(at),
+        4 => drop(bytes.drain(at..(at + random.below(64)).min(bytes.len()))),
+        5 => {
+            let piece: Vec<u8> = bytes[at..(at + random.below(64)).min(bytes.len())].to_vec();
+            bytes.splice(at..at, piece).for_each(drop);
+        }
+        _ => {
+            let piece = noise(random.next(), random.below(32));
+            bytes.splice(at..at, piece).for_each(drop);
+        }
+    }
+}
+
+#[test]
+fn what_is_no_recording_is_said_to_be_none() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.mcap");
+    for (content, sentence) in [
+        (&b""[..], "is not an MCAP file"),
+        (b"PK\x03\x04", "is not an MCAP file"),
+        (&noise(1, 5000), "is not an MCAP file"),
+    ] {
+        std::fs::write(&file, content).unwrap();
+        for which in 0..5 {
+            let output = survives(which, &file, "garbage");
+            let said = String::from_utf8(output.stderr).unwrap();
+            assert_eq!(output.status.code(), Some(1));
+            assert!(said.contains(sentence) && said.contains(file.to_str().unwrap()), "{said}");
+        }
+    }
+    let ran = bustape(args(&[&"info", &folder.path().join("no.mcap")])).expect(1);
+    assert!(ran.err.contains("No such file"), "{}", ran.err);
+    let empty = folder.path().join("empty");
+    std::fs::create_dir(&empty).unwrap();
+    let ran = bustape(args(&[&"info", &empty])).expect(1);
+    assert!(ran.err.contains("there is no recording in"), "{}", ran.err);
+}
+
+#[test]
+fn a_chunk_that_unpacks_to_gigabytes_stops_at_the_limit() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("bomb.mcap");
+    let packed = zstd::bulk::compress(&vec![0; 256 << 20], 3).unwrap();
+    // What it says of its size: the truth, less than the truth, and nonsense.
+    for claimed in [256 << 20, 1 << 20, u64::MAX] {
+        let mut body = Vec::new();
+        for number in [START, START, claimed] {
+            body.extend_from_slice(&u64::to_le_bytes(number));
+        }
+        body.extend_from_slice(&[0; 4]);
+        body.extend_from_slice(&4u32.to_le_bytes());
+        body.extend_from_slice(b"zstd");
+        body.extend_from_slice(&(packed.len() as u64).to_le_bytes());
+        body.extend_from_slice(&packed);
+        let mut out = std::fs::File::create(&file).unwrap();
+        out.write_all(b"\x89MCAP0\r\n\x01").unwrap();
+        out.write_all(&8u64.to_le_bytes()).unwrap();
+        out.write_all(&[0; 8]).unwrap();
+        out.write_all(&[6]).unwrap();
+        out.write_all(&(body.len() as u64).to_le_bytes()).unwrap();
+        out.write_all(&body).unwrap();
+        for which in 0..5 {
+            let output = survives(which, &file, "a bomb");
+            let said = String::from_utf8(output.stderr).unwrap();
+            assert!(which % 3 == 0 || output.status.code() == Some(3), "{said}");
+        }
+    }
+}

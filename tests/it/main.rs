@@ -1,0 +1,28 @@
+//! The recorder as its users meet it: the real binary, real files, real terminals, real faults.
+//!
+//! Each test is named after what it promises. Files are checked with [`support::mcap`], a strict
+//! reader that shares no code with the recorder, and with the reference readers in Python and
+//! TypeScript of `tests/lab`.
+
+#![allow(
+    unsafe_code,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    clippy::panic_in_result_fn,
+    clippy::cast_possible_truncation,
+    reason = "a test that cannot go on fails by panicking; what a child may use is set before exec"
+)]
+
+mod architecture;
+mod cat;
+mod cli;
+mod convert;
+mod disk;
+mod hostile;
+mod kill;
+mod record;
+mod segments;
+mod serial;
+mod slow;
+mod support;

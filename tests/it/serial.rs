@@ -1,0 +1,228 @@
+//! Serial lines, and CAN over serial adapters.
+
+use std::io::{BufRead as _, BufReader, Write as _};
+use std::os::unix::fs::symlink;
+use std::path::Path;
+use std::process::{Child, ChildStdin, ChildStdout, Stdio};
+
+use serde_json::{Value, json};
+
+use crate::record::{balanced, in_order};
+use crate::support::bytes::noise;
+use crate::support::mcap;
+use crate::support::messages::{self, LINK_DOWN, Raw};
+use crate::support::process::{args, start};
+use crate::support::terminal::{Device, open};
+use crate::support::{peers, until};
+
+/// A Python script that talks with the test by lines.
+struct Script {
+    child: Child,
+    to: ChildStdin,
+    from: BufReader<ChildStdout>,
+}
+
+impl Script {
+    fn start(name: &str) -> Self {
+        let mut command = peers::python(name);
+        let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
+        let (to, from) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
+        Self { child, to, from: BufReader::new(from) }
+    }
+
+    fn hear(&mut self) -> String {
+        let mut line = String::new();
+        self.from.read_line(&mut line).unwrap();
+        assert!(!line.is_empty(), "the script has ended");
+        line.trim_end().to_owned()
+    }
+
+    fn say(&mut self, line: &str) {
+        writeln!(self.to, "{line}").unwrap();
+    }
+}
+
+impl Drop for Script {
+    fn drop(&mut self) {
+        self.child.kill().ok();
+        self.child.wait().ok();
+    }
+}
+
+/// Returns when the file, which is still open, has so many bytes from and to the device.
+fn until_recorded(part: &Path, bus: &str, rx: usize, tx: usize) {
+    until("everything in the file", || {
+        let streams = part.exists().then(|| messages::streams(&mcap::cut(part), bus))?;
+        ((streams.0.len(), streams.1.len()) == (rx, tx)).then_some(())
+    });
+}
+
+#[test]
+fn a_bridge_passes_everything_on_and_records_both_sides_in_their_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, part) = (folder.path().join("a.mcap"), folder.path().join("a.mcap.part"));
+    let link = folder.path().join("ttyAPP");
+    let mut script = Script::start("bridge.py");
+    let port = script.hear();
+    let bus = format!("rect=bridge:{port},19200,8N1@{}", link.display());
+    let running = start(args(&[&"record", &bus, &"-o", &path, &"--json"]));
+    until("the application's side", || link.exists().then_some(()));
+    script.say(link.to_str().unwrap());
+    let rounds: Vec<[String; 2]> = serde_json::from_str(&script.hear()).unwrap();
+    let both = |side: usize| rounds.iter().map(|round| round[side].as_str()).collect::<String>();
+    let (tx, rx) = (both(0), both(1));
+    until_recorded(&part, "rect", rx.len() / 2, tx.len() / 2);
+    let ran = running.stop().expect(0);
+    let file = mcap::finished(&path);
+    balanced(&ran, &file);
+    in_order(&file, true);
+    let streams = messages::streams(&file, "rect");
+    assert!(messages::hex(&streams.0) == rx && messages::hex(&streams.1) == tx);
+    // A question stands before its answer, and the next question behind that.
+    let (mut said, mut heard) = (0, 0);
+    let mut ends = rounds[..rounds.len() - 1].iter().scan((0, 0), |ends, [question, answer]| {
+        ends.0 += question.len() / 2;
+        ends.1 += answer.len() / 2;
+        Some(*ends)
+    });
+    let mut end = ends.next();
+    for (_, raw) in messages::raw(&file, "rect") {
+        let Some((question, answer)) = end else { break };
+        match raw {
+            Raw::Tx(data) => said += data.len(),
+            Raw::Rx(data) => {
+                heard += data.len();
+                assert_eq!(said, question, "an answer before the end of its question");
+            }
+            other => panic!("{other:?}"),
+        }
+        assert!(heard <= answer && said <= question, "out of turn");
+        if heard == answer {
+            end = ends.next();
+        }
+    }
+    assert_eq!(end, None);
+    let facts = file.facts("bustape.bus.rect");
+    assert_eq!((facts["kind"].as_str(), facts["bitrate"].as_str()), ("bridge", "19200"));
+    assert!(std::fs::symlink_metadata(&link).is_err(), "the link stays behind");
+}
+
+#[test]
+fn a_flood_through_a_terminal_is_recorded_without_losing_a_byte() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, part) = (folder.path().join("a.mcap"), folder.path().join("a.mcap.part"));
+    let terminal = folder.path().join("tty");
+    // Room for all of it: what is asked here is not how fast this disk is.
+    let running = start(args(&[
+        &"record",
+        &format!("line=pty:{}", terminal.display()),
+        &"-o",
+        &path,
+        &"--json",
+        &"--queue",
+        &"64MiB",
+    ]));
+    let sent = noise(20, 20 << 20);
+    open(&terminal).write_all(&sent).unwrap();
+    // It cannot be compressed, so the file is no smaller once all of it is there.
+    until("the flood in the file", || {
+        (std::fs::metadata(&part).ok()?.len() >= sent.len() as u64).then_some(())
+    });
+    let ran = running.stop().expect(0);
+    let file = mcap::finished(&path);
+    balanced(&ran, &file);
+    assert!(messages::streams(&file, "line").0 == sent);
+}
+
+#[test]
+fn a_port_that_is_unplugged_leaves_a_gap_and_goes_on_when_it_is_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, part) = (folder.path().join("a.mcap"), folder.path().join("a.mcap.part"));
+    // As udev does it: a name that stays, and leads to wherever the device is.
+    let name = folder.path().join("usb-adapter");
+    let bus = format!("line={},115200,8N1", name.display());
+    let mut device = Device::new();
+    symlink(device.port(), &name).unwrap();
+    let running = start(args(&[&"record", &bus, &"-o", &path, &"--json"]));
+    until("the file", || part.exists().then_some(()));
+    let mut sent = Vec::new();
+    for round in 0..3 {
+        let words = noise(round, 2000);
+        device.say(&words);
+        sent.extend(words);
+        until_recorded(&part, "line", sent.len(), 0);
+        std::fs::remove_file(&name).unwrap();
+        drop(device);
+        // In the log at once, in the gaps when it is back.
+        until("the loss in the log", || {
+            let log = mcap::cut(&part).on("/bustape/log").count() as u64;
+            (log > 2 * round).then_some(())
+        });
+        device = Device::new();
+        symlink(device.port(), &name).unwrap();
+        until("the gap", || {
+            (messages::gaps(&mcap::cut(&part), "line").len() as u64 == round + 1).then_some(())
+        });
+    }
+    device.say(b"back");
+    sent.extend(b"back");
+    until_recorded(&part, "line", sent.len(), 0);
+    let ran = running.stop().expect(0);
+    let file = mcap::finished(&path);
+    balanced(&ran, &file);
+    assert!(messages::streams(&file, "line").0 == sent);
+    assert_eq!(messages::gaps(&file, "line"), [(0, LINK_DOWN); 3]);
+}
+
+#[test]
+fn a_tap_records_who_said_what() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, part) = (folder.path().join("a.mcap"), folder.path().join("a.mcap.part"));
+    let (mut device, mut host) = (Device::new(), Device::new());
+    let bus = format!("link=tap:{}+{},9600,8E1", device.port().display(), host.port().display());
+    let running = start(args(&[&"record", &bus, &"-o", &path, &"--json"]));
+    until("the file", || part.exists().then_some(()));
+    let (mut rx, mut tx) = (Vec::new(), Vec::new());
+    for round in 0..10 {
+        let (question, answer) = (noise(round, 50), noise(round + 100, 70));
+        host.say(&question);
+        tx.extend(question);
+        until_recorded(&part, "link", rx.len(), tx.len());
+        device.say(&answer);
+        rx.extend(answer);
+        until_recorded(&part, "link", rx.len(), tx.len());
+    }
+    let ran = running.stop().expect(0);
+    let file = mcap::finished(&path);
+    balanced(&ran, &file);
+    assert!(messages::streams(&file, "link") == (rx, tx));
+    let mut sides = messages::raw(&file, "link");
+    sides.dedup_by_key(|(_, raw)| matches!(raw, Raw::Tx(_)));
+    assert_eq!(sides.len(), 20, "questions and answers take turns");
+}
+
+#[test]
+fn frames_from_a_can_adapter_are_recorded_as_they_were_sent() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, part) = (folder.path().join("a.mcap"), folder.path().join("a.mcap.part"));
+    let mut script = Script::start("slcan.py");
+    let bus = format!("can=slcan:{}@500000", script.hear());
+    let running = start(args(&[&"record", &bus, &"-o", &path, &"--json"]));
+    let sent: Vec<Value> = serde_json::from_str(&script.hear()).unwrap();
+    until("every frame in the file", || {
+        let frames = part.exists().then(|| messages::cans(&mcap::cut(&part), "can"))?;
+        (frames.len() >= sent.len()).then_some(())
+    });
+    let ran = running.stop().expect(0);
+    let file = mcap::finished(&path);
+    balanced(&ran, &file);
+    in_order(&file, true);
+    let recorded = messages::cans(&file, "can").into_iter().map(|(_, frame)| {
+        let dlc = if frame.dlc > 0 { frame.dlc.into() } else { frame.data().len() };
+        json!({
+            "id": frame.id, "ext": frame.flags.0 & 1 > 0, "rtr": frame.flags.0 & 2 > 0, "dlc": dlc,
+            "data": messages::hex(frame.data()),
+        })
+    });
+    assert_eq!(recorded.collect::<Vec<_>>(), sent);
+}

@@ -1,0 +1,51 @@
+//! What the tests share.
+
+pub mod bytes;
+pub mod make;
+pub mod mcap;
+pub mod messages;
+pub mod peers;
+pub mod process;
+pub mod terminal;
+
+use std::time::{Duration, Instant};
+
+use bustape::frame::CanFrame;
+use bustape::simulate::hmi_can::HmiCan;
+use bustape::simulate::source::DEMO_TIME_SCALE;
+
+/// How long anything may take before a test gives up. Nothing waits this long unless it is broken.
+pub const PATIENCE: Duration = Duration::from_secs(120);
+
+/// Returns what `look` finds, as soon as it finds something.
+pub fn until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
+    let end = Instant::now() + PATIENCE;
+    loop {
+        if let Some(found) = look() {
+            return found;
+        }
+        assert!(Instant::now() < end, "waited {PATIENCE:?} for {what}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+/// What `sim:hmi-can` says, from its beginning.
+pub fn station() -> impl Iterator<Item = CanFrame> {
+    HmiCan::new(1, DEMO_TIME_SCALE).map(|(_, frame)| frame)
+}
+
+/// Runs `work` for each item, a few at a time: most of them wait more than they work.
+pub fn several<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync) -> Vec<R> {
+    let mut results = Vec::new();
+    let mut rest = items;
+    while !rest.is_empty() {
+        let batch: Vec<T> = rest.drain(..rest.len().min(5)).collect();
+        results.extend(std::thread::scope(|scope| {
+            let running: Vec<_> = batch.into_iter().map(|i| scope.spawn(|| work(i))).collect();
+            let done = running.into_iter().map(|r| r.join());
+            done.map(|r| r.unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
+                .collect::<Vec<R>>()
+        }));
+    }
+    results
+}

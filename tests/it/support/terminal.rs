@@ -1,0 +1,46 @@
+//! Serial lines without hardware.
+
+use std::fs::{File, OpenOptions};
+use std::io::Write as _;
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::path::{Path, PathBuf};
+
+use nix::fcntl::OFlag;
+use nix::pty::{PtyMaster, grantpt, posix_openpt, ptsname_r, unlockpt};
+
+use super::until;
+
+/// A serial port and the device behind it: a pseudo-terminal. Unplugged when dropped.
+pub struct Device {
+    device: PtyMaster,
+    port: PathBuf,
+}
+
+impl Device {
+    pub fn new() -> Self {
+        // Closed in the children of other tests: while one of them had it, it would stay plugged in.
+        let flags = OFlag::O_RDWR | OFlag::O_NOCTTY | OFlag::O_CLOEXEC;
+        let device = posix_openpt(flags).expect("a pseudo-terminal");
+        grantpt(&device).expect("a pseudo-terminal");
+        unlockpt(&device).expect("a pseudo-terminal");
+        let port = ptsname_r(&device).expect("a name").into();
+        Self { device, port }
+    }
+
+    /// What a program opens.
+    pub fn port(&self) -> &Path {
+        &self.port
+    }
+
+    /// Says something to whoever listens, which must be somebody: else it is echoed.
+    pub fn say(&mut self, bytes: &[u8]) {
+        self.device.write_all(bytes).expect("the port takes it");
+    }
+}
+
+/// Opens a terminal as a program does, once it is there.
+pub fn open(path: &Path) -> File {
+    until("a terminal to appear", || {
+        OpenOptions::new().read(true).write(true).custom_flags(libc::O_NOCTTY).open(path).ok()
+    })
+}

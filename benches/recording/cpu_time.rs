@@ -11,7 +11,7 @@ impl Measurement for CpuTime {
     type Value = u64;
 
     fn start(&self) -> u64 {
-        let now = clock_gettime(ClockId::CLOCK_PROCESS_CPUTIME_ID).expect("every Linux has it");
+        let now = clock_gettime(ClockId::CLOCK_PROCESS_CPUTIME_ID).unwrap();
         now.tv_sec() as u64 * 1_000_000_000 + now.tv_nsec() as u64
     }
 

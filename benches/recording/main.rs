@@ -2,12 +2,7 @@
 //!
 //! Times are CPU times of the process, throughput is frames per CPU second.
 
-#![allow(
-    clippy::unwrap_used,
-    clippy::expect_used,
-    clippy::cast_possible_truncation,
-    reason = "a bench that cannot go on ends"
-)]
+#![allow(clippy::unwrap_used, reason = "a bench that cannot run must end")]
 
 mod cpu_time;
 mod traffic;

@@ -4,7 +4,7 @@
 //! checksums, slow and noisy measured values, flags, constants. Neither noise nor a constant, for
 //! both would make file sizes and compression times meaningless.
 
-#![allow(clippy::cast_possible_truncation, reason = "traffic is made of low bits")]
+#![allow(clippy::cast_possible_truncation, reason = "counters and checksums wrap")]
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -120,7 +120,7 @@ impl Message {
                 // Flags: one turns over now and then.
                 b'F' if random.below(250) == 0 => self.data[place] ^= 1 << random.below(8),
                 // Counters of 4 bits, beside flags that rest, and of 8.
-                b'n' => self.data[place] = self.data[place] & 0xF0 | (cycle & 0x0F) as u8,
+                b'n' => self.data[place] = (self.data[place] & 0xF0) | (cycle & 0x0F) as u8,
                 b'N' => self.data[place] = cycle as u8,
                 b'K' => self.data[place] = crc8(&self.data[..place]),
                 // Constant, or nothing new.
@@ -144,7 +144,7 @@ fn crc8(bytes: &[u8]) -> u8 {
     for byte in bytes {
         crc ^= byte;
         for _ in 0..8 {
-            crc = if crc & 0x80 != 0 { crc << 1 ^ 0x1D } else { crc << 1 };
+            crc = if crc & 0x80 != 0 { (crc << 1) ^ 0x1D } else { crc << 1 };
         }
     }
     !crc

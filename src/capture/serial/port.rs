@@ -60,9 +60,16 @@ impl Port {
 
     /// Waits for bytes. Safe to cancel. An error means that the device is gone.
     pub async fn read(&self, buffer: &mut [u8]) -> io::Result<usize> {
-        match self.tty.async_io(Interest::READABLE, |tty| tty.read(buffer)).await? {
-            0 => Err(hung_up()),
-            length => Ok(length),
+        loop {
+            let mut ready = self.tty.ready(Interest::READABLE).await?;
+            let Ok(read) = ready.try_io(|tty| tty.get_ref().read(buffer)) else { continue };
+            let length = read?;
+            if length < buffer.len() {
+                // That was all; what comes now is signalled anew. Saves a read that finds nothing
+                // after each that finds something.
+                ready.clear_ready();
+            }
+            return if length == 0 { Err(hung_up()) } else { Ok(length) };
         }
     }
 

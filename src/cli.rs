@@ -70,7 +70,8 @@ pub struct RecordArgs {
     pub buses: Vec<String>,
 
     /// Record into this file (FILE.part until it is finished); an existing file is never
-    /// overwritten
+    /// overwritten. For days use --dir: the index of one long file takes some 40 MiB of memory a
+    /// day
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
 

@@ -93,9 +93,18 @@ fn head(recording: &Recording) -> Result<Head> {
         recording: about,
         clock: metadata("bustape.clock"),
         buses: buses.map(|name| (name.clone(), metadata(&format!("bustape.bus.{name}")))).collect(),
+        more: other_metadata(recording),
         attachments,
         time: recording.span().unwrap_or_default().0,
     })
+}
+
+/// Metadata that are not the recorder's own, each name once.
+fn other_metadata(recording: &Recording) -> Vec<(String, Facts)> {
+    let all = recording.segments.iter().flat_map(|segment| &segment.metadata);
+    let foreign = all.filter(|(name, _)| !name.starts_with("bustape."));
+    let once: BTreeMap<_, _> = foreign.map(|(n, f)| (n.clone(), f.clone())).collect();
+    once.into_iter().collect()
 }
 
 /// The books at the end, and which file said so.

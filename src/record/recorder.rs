@@ -19,6 +19,8 @@ use crate::recording::writer::Head;
 
 /// Most items taken from the queue at once: bounds the memory beside the queue to some 400 KiB.
 const TAKE: usize = 4096;
+/// Most notices that wait for the first frame.
+const EARLY: usize = 1000;
 const SECOND: u64 = 1_000_000_000;
 
 /// When things reach the disk.
@@ -63,6 +65,8 @@ pub struct Recorder {
     last_stats: Timestamp,
     before: Vec<Totals>,
     segment_counts: Vec<u64>,
+    /// Notices from before the segment's first frame.
+    early: Vec<Item>,
 }
 
 impl Recorder {
@@ -90,6 +94,7 @@ impl Recorder {
             recording,
             attachments,
             progress,
+            early: Vec::new(),
             segment: None,
             error: None,
             last_sync: now,
@@ -108,7 +113,7 @@ impl Recorder {
         let mut items = Vec::with_capacity(TAKE);
         while self.queue.take(&mut items, TAKE, tick) {
             for item in items.drain(..) {
-                self.add(&item);
+                self.take(item);
             }
             self.on_tick();
         }
@@ -118,12 +123,33 @@ impl Recorder {
         Outcome { totals, files, error: self.error }
     }
 
-    fn add(&mut self, item: &Item) {
+    fn take(&mut self, item: Item) {
         let bus = usize::from(item.bus);
         if let Frame::Notice(notice) = &item.frame.value {
             let text = format!("{}: {}", self.buses[bus].name, notice.text);
             self.progress.notice(notice.level, text);
+            // The first time in a file is a frame's, so what sources say before that waits.
+            if !self.has_frames() && self.early.len() < EARLY {
+                self.early.push(item);
+                return;
+            }
         }
+        self.add(&item);
+        if !self.early.is_empty() && self.has_frames() {
+            self.add_early(item.frame.time);
+        }
+    }
+
+    /// Adds what has waited for the first frame, which came at `first`.
+    fn add_early(&mut self, first: Timestamp) {
+        for mut item in std::mem::take(&mut self.early) {
+            item.frame.time = item.frame.time.max(first);
+            self.add(&item);
+        }
+    }
+
+    fn add(&mut self, item: &Item) {
+        let bus = usize::from(item.bus);
         let Some(segment) = &mut self.segment else {
             let lost = super::queue::weight(&item.frame.value);
             self.buses[bus].tally.dropped(GapReason::Disk, lost);
@@ -141,8 +167,10 @@ impl Recorder {
 
     fn on_tick(&mut self) {
         let now = self.timeline.now();
-        for step in self.timeline.take_steps() {
-            self.add_step(&step);
+        if self.has_frames() {
+            for step in self.timeline.take_steps() {
+                self.add_step(&step, now);
+            }
         }
         if now.since(self.last_stats) >= SECOND && self.has_frames() {
             self.add_stats(now);
@@ -234,7 +262,7 @@ impl Recorder {
         }
     }
 
-    fn add_step(&mut self, step: &Step) {
+    fn add_step(&mut self, step: &Step, now: Timestamp) {
         let Some(segment) = &mut self.segment else { return };
         let milliseconds = step.nanos / 1_000_000;
         let text = format!(
@@ -245,9 +273,9 @@ impl Recorder {
             wall_ns: step.reading.wall,
             step_ns: step.nanos,
         };
-        segment.writer.add_clock(step.time, &sync).ok();
+        segment.writer.add_clock(now, &sync).ok();
         let notice = Notice { level: Level::Warning, text };
-        segment.writer.add_notice(step.time, "bustape", &notice).ok();
+        segment.writer.add_notice(now, "bustape", &notice).ok();
     }
 
     /// Once a second: the clocks and the books.
@@ -277,6 +305,7 @@ impl Recorder {
             recording,
             clock: self.clock_facts(),
             buses: self.buses.iter().map(RecordedBus::head).collect(),
+            more: Vec::new(),
             attachments: self.attachments.clone(),
             time: now,
         };
@@ -313,6 +342,7 @@ impl Recorder {
         if self.has_frames() {
             self.add_stats(self.timeline.now());
         }
+        self.add_early(Timestamp(0));
         self.cut();
         let Some(segment) = self.segment.take() else { return };
         let summary = summary(reason, &self.buses, &self.segment_counts);

@@ -189,9 +189,18 @@ impl Entries<'_> {
     fn take_chunk(&mut self, segment: usize, bytes: &[u8]) {
         // Kept in reverse, so that taking the next is a pop; the sort is stable, so reverse again.
         self.ready.reverse();
-        let mut consumed = 0;
+        let (mut consumed, before) = (0, self.ready.len());
         for Record { opcode, body } in records(bytes) {
             consumed += super::records::HEAD + body.len();
+            if self.ready.len() - before > can_batch::MAX_IN_CHUNK {
+                let path = self.recording.segments[segment].path.display();
+                self.damage.push(format!(
+                    "{path}: a chunk with more than {} frames: the rest is passed over",
+                    can_batch::MAX_IN_CHUNK
+                ));
+                consumed = bytes.len();
+                break;
+            }
             if opcode == op::MESSAGE && !self.take_message(segment, body) {
                 let path = self.recording.segments[segment].path.display();
                 self.damage.push(format!("{path}: a message could not be understood"));

@@ -4,7 +4,7 @@
 //! file that was not finished (a crash, or still being written) is walked once: from record to
 //! record, without decompressing more than its channels need.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io;
 use std::os::unix::fs::FileExt as _;
@@ -125,6 +125,8 @@ impl Segment {
     fn take_summary(&mut self, bytes: &[u8]) -> bool {
         let mut complete = true;
         let mut has_statistics = false;
+        // Where metadata were read; a file that names one place a million times gets one look.
+        let mut facts = BTreeSet::new();
         for Record { opcode, body } in records(bytes) {
             complete &= match opcode {
                 op::SCHEMA | op::CHANNEL => self.take_definition(opcode, body),
@@ -142,13 +144,18 @@ impl Segment {
                     self.attachments.push(index);
                     inside
                 }),
-                op::METADATA_INDEX => records::metadata_index(body)
-                    .and_then(|(offset, length)| self.read_metadata(offset, length))
-                    .is_some(),
+                op::METADATA_INDEX => {
+                    records::metadata_index(body).is_some_and(|(offset, length)| {
+                        !facts.insert(offset) || self.read_metadata(offset, length).is_some()
+                    })
+                }
                 _ => true,
             };
         }
         complete &= has_statistics;
+        // Each chunk once, however often an index names it.
+        let mut seen = BTreeSet::new();
+        self.chunks.retain(|chunk| seen.insert(chunk.offset));
         if !complete {
             self.forget();
         }

@@ -8,7 +8,8 @@ use std::process::{Command, Output, Stdio};
 use bustape::frame::{
     CanFlags, CanFrame, Direction, Frame, Gap, GapReason, SerialBytes, Timestamp, Unit,
 };
-use bustape::recording::writer::Layout;
+use bustape::recording::definition::{ChannelDefinition, Facts, SchemaDefinition};
+use bustape::recording::writer::{Head, Layout, SegmentWriter, WriterOptions};
 
 use crate::support::bytes::{Random, noise};
 use crate::support::make::{START, at, make};
@@ -216,5 +217,50 @@ fn a_chunk_that_unpacks_to_gigabytes_stops_at_the_limit() {
             let said = String::from_utf8(output.stderr).unwrap();
             assert!(which % 3 == 0 || output.status.code() == Some(3), "{said}");
         }
+    }
+}
+
+/// A batch of 65,536 empty frames in two bytes each.
+fn dense_batch() -> Vec<u8> {
+    let zeros = vec![0; 65_536];
+    let length = [0x80, 0x80, 0x04];
+    let mut batch = vec![0x08, 0x80, 0x80, 0x04, 0x10, 0x01];
+    for (field, data) in [(0x1A, &zeros), (0x2A, &zeros)] {
+        if field == 0x2A {
+            batch.extend_from_slice(&[0x22, 0x02, 0x08, 0x01]);
+        }
+        batch.push(field);
+        batch.extend_from_slice(&length);
+        batch.extend_from_slice(data);
+    }
+    batch
+}
+
+#[test]
+fn batches_of_millions_of_frames_stop_at_the_limit() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("dense.mcap");
+    let out = Box::new(std::fs::File::create_new(&path).unwrap());
+    let head = Head { buses: vec![("can0".to_owned(), Facts::new())], ..Head::default() };
+    let mut writer = SegmentWriter::create(out, WriterOptions::default(), &head).unwrap();
+    let data = bustape::recording::schema::CAN_BATCH.descriptor;
+    let channel = ChannelDefinition {
+        topic: "/can0/raw".to_owned(),
+        encoding: "protobuf".to_owned(),
+        schema: Some(SchemaDefinition { name: "bustape.CanBatch", encoding: "protobuf", data }),
+        metadata: Facts::from([("bus".to_owned(), "can0".to_owned())]),
+    };
+    let channel = writer.define(channel).unwrap();
+    // 64 MiB of them are 33 million frames, some 3.5 GiB when all are unpacked at once.
+    let batch = dense_batch();
+    for _ in 0..(64 << 20) / batch.len() - 1 {
+        writer.add_raw(channel, Timestamp(START), &batch);
+    }
+    writer.finish(Facts::new()).unwrap();
+    for which in [1, 4] {
+        let output = survives(which, &path, "dense batches");
+        assert_eq!(output.status.code(), Some(3));
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(said.contains("more than 1048576 frames"), "{said}");
     }
 }

@@ -25,6 +25,7 @@ pub fn head(buses: &[&str]) -> Head {
         recording: facts(&[("format", "1"), ("session", "1"), ("session_id", "of the test")]),
         clock: facts(&[("steady_ns", "42"), ("wall_ns", "1700000000000000000")]),
         buses: buses.collect(),
+        more: vec![("another.tool".to_owned(), facts(&[("kept", "yes")]))],
         attachments: vec![
             attachment("plant.dbc", b"VERSION \"\"\r\n\xE9\x00"),
             attachment("empty.txt", b""),

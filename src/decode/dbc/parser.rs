@@ -1,0 +1,237 @@
+//! From statements to a database.
+
+use std::collections::{HashMap, HashSet};
+
+use super::attributes::Attributes;
+use super::lexer::{Kind, Lexer, Token, is_keyword};
+use super::model::{Database, Labels, Message};
+use super::multiplex::{self, Written};
+use super::names::Names;
+use super::oddities::Oddities;
+use super::statement::{Statement, Trouble, short, unescaped};
+
+/// `VECTOR__INDEPENDENT_SIG_MSG`: where editors keep signals that belong to no message.
+const INDEPENDENT: u32 = 0xC000_0000;
+/// Marks a 29-bit identifier.
+const EXTENDED: u32 = 0x8000_0000;
+
+/// So many messages of a file are loaded; the others are counted.
+const MAX_MESSAGES: usize = 1 << 16;
+
+/// Sections without a meaning for decoding.
+const IGNORED: [&str; 22] = [
+    "NS_",
+    "BS_",
+    "EV_",
+    "EV_DATA_",
+    "ENVVAR_DATA_",
+    "SGTYPE_",
+    "SGTYPE_VAL_",
+    "SIG_TYPE_REF_",
+    "SIGTYPE_VALTYPE_",
+    "SIG_GROUP_",
+    "BA_DEF_SGTYPE_",
+    "BA_SGTYPE_",
+    "NS_DESC_",
+    "CAT_DEF_",
+    "CAT_",
+    "BA_DEF_REL_",
+    "BA_REL_",
+    "BA_DEF_DEF_REL_",
+    "BU_SG_REL_",
+    "BU_EV_REL_",
+    "BU_BO_REL_",
+    "BU_EV_",
+];
+
+/// What is known while a file is read.
+#[derive(Default)]
+pub struct Parser<'a> {
+    pub db: Database,
+    pub oddities: Oddities,
+    /// By identifier as in the file; `None`: refused, and said so.
+    pub messages: HashMap<u32, Option<usize>>,
+    /// By message and name in the file.
+    pub signals: HashMap<(usize, &'a str), usize>,
+    pub tables: HashMap<&'a str, Labels>,
+    /// How signals are multiplexed, as written.
+    pub written: Written,
+    pub attributes: Attributes,
+    /// Takes the `SG_` that follow; `None` behind a message that was refused.
+    pub open: Option<usize>,
+    pub message_seen: bool,
+    pub message_names: Names,
+    pub signal_names: Names,
+    pub total_signals: usize,
+    unknown: HashSet<&'a str>,
+}
+
+/// Reads a whole file.
+pub fn parse(text: &str) -> (Database, Oddities) {
+    let mut parser = Parser::default();
+    let mut lexer = Lexer::new(text);
+    let mut tokens = Vec::new();
+    while let Some(beyond) = lexer.statement(&mut tokens) {
+        let line = tokens.first().map_or(0, |token| token.line);
+        for opened in lexer.unclosed.drain(..) {
+            parser.oddities.note(opened, || {
+                "a text has no closing quote; it ends where the next statement begins".to_owned()
+            });
+        }
+        if beyond > 0 {
+            let text = || format!("the statement is too long; its last {beyond} words are skipped");
+            parser.oddities.lose(line, text);
+        }
+        parser.statement(&tokens, line);
+    }
+    let mut attributes = std::mem::take(&mut parser.attributes);
+    attributes.apply(&mut parser.db);
+    multiplex::resolve(&mut parser.db, parser.written, &mut parser.oddities);
+    parser.oddities.sort();
+    (parser.db, parser.oddities)
+}
+
+impl<'a> Parser<'a> {
+    fn statement(&mut self, tokens: &[Token<'a>], line: u32) {
+        let mut rest = Statement::new(tokens);
+        let keyword = match rest.peek() {
+            Some(Kind::Word(word)) if is_keyword(word) => word,
+            _ => return self.strange(tokens, "stands before the first section"),
+        };
+        rest.next();
+        // The list of NS_ names sections without content.
+        if rest.ended() {
+            return;
+        }
+        let done = match keyword {
+            "VERSION" => self.version(&mut rest),
+            "BU_" => self.nodes(&mut rest),
+            "BO_" => self.message(&mut rest, line),
+            "SG_" => self.signal(&mut rest, line),
+            "SG_MUL_VAL_" => self.extended_multiplexing(&mut rest),
+            "VAL_TABLE_" => self.value_table(&mut rest, line),
+            "VAL_" => self.values(&mut rest, line),
+            "CM_" => self.comment(&mut rest),
+            "BA_DEF_" => self.attributes.define(&mut rest),
+            "BA_DEF_DEF_" => self.attributes.set_default(&mut rest),
+            "BA_" => self.attribute(&mut rest, line),
+            "SIG_VALTYPE_" => self.value_type(&mut rest, line),
+            "BO_TX_BU_" => self.senders(&mut rest),
+            ignored if IGNORED.contains(&ignored) => return,
+            unknown => return self.unknown_section(unknown, line),
+        };
+        match done {
+            Ok(()) if rest.ended() => {}
+            Ok(()) => self.rest(&rest, keyword, line),
+            Err(trouble) => self.oddities.lose(line, || format!("{keyword}: {trouble}; skipped")),
+        }
+    }
+
+    fn rest(&mut self, rest: &Statement<'_, 'a>, keyword: &str, line: u32) {
+        let found = match rest.peek() {
+            Some(Kind::Word(text) | Kind::Text(text)) => short(text),
+            Some(Kind::Mark(mark)) => format!("\"{mark}\""),
+            None => return,
+        };
+        self.oddities.note(line, || format!("what follows {keyword} from {found} on is skipped"));
+    }
+
+    fn strange(&mut self, tokens: &[Token<'a>], why: &str) {
+        if let Some(Token { kind: Kind::Word(text) | Kind::Text(text), line, .. }) = tokens.first()
+        {
+            self.oddities.note(*line, || format!("{} {why}; skipped", short(text)));
+        }
+    }
+
+    fn unknown_section(&mut self, keyword: &'a str, line: u32) {
+        if self.unknown.len() < 1000 && self.unknown.insert(keyword) {
+            let text = || format!("section {} is not known; skipped", short(keyword));
+            self.oddities.note(line, text);
+        }
+    }
+
+    fn version(&mut self, rest: &mut Statement<'_, 'a>) -> Result<(), Trouble> {
+        self.db.version = unescaped(rest.text("a version in quotes")?);
+        Ok(())
+    }
+
+    fn nodes(&mut self, rest: &mut Statement<'_, 'a>) -> Result<(), Trouble> {
+        rest.mark(':')?;
+        while let Some(node) = rest.accept_word() {
+            self.db.nodes.push(node.to_owned());
+            rest.accept(',');
+        }
+        Ok(())
+    }
+
+    /// "message": BO_ id name ':' size transmitter.
+    fn message(&mut self, rest: &mut Statement<'_, 'a>, line: u32) -> Result<(), Trouble> {
+        self.open = None;
+        self.message_seen = true;
+        self.signal_names = Names::default();
+        let raw: u32 = rest.integer("identifier (32 bits)")?;
+        let name = rest.word("a name")?;
+        rest.mark(':')?;
+        let length: u64 = rest.integer("length in bytes")?;
+        let sender = rest.accept_word().filter(|sender| *sender != "Vector__XXX");
+        if raw == INDEPENDENT {
+            self.messages.insert(raw, None);
+            return Ok(());
+        }
+        if let Some(Some(first)) = self.messages.get(&raw) {
+            let first = self.db.messages.get(*first).map_or(0, |message| message.line);
+            let id = raw & !EXTENDED;
+            return Err(format!(
+                "identifier 0x{id:X} of {name} was defined in line {first} already, which stays; \
+                 this one with its signals is left out"
+            ));
+        }
+        if self.db.messages.len() >= MAX_MESSAGES {
+            return Err(format!("there are {MAX_MESSAGES} messages already; {name} is left out"));
+        }
+        let (id, extended) = self.identifier(raw, line);
+        let length = u16::try_from(length.min(1785)).unwrap_or(1785);
+        let unique = self.message_names.take(name);
+        if unique != name {
+            let text = || format!("a message {name} was there before; this one is called {unique}");
+            self.oddities.note(line, text);
+        }
+        let senders = sender.map(str::to_owned).into_iter().collect();
+        let index = self.db.messages.len();
+        self.messages.insert(raw, Some(index));
+        self.open = Some(index);
+        let name = unique;
+        self.db.messages.push(Message {
+            id,
+            extended,
+            name,
+            length,
+            senders,
+            line,
+            ..Message::default()
+        });
+        Ok(())
+    }
+
+    fn identifier(&mut self, raw: u32, line: u32) -> (u32, bool) {
+        let (id, extended) = (raw & 0x1FFF_FFFF, raw & EXTENDED != 0);
+        if raw & 0x6000_0000 != 0 {
+            let text = || format!("bits 29 and 30 of identifier {raw} mean nothing; read as 0");
+            self.oddities.note(line, text);
+        }
+        if !extended && id > 0x7FF {
+            self.oddities.note(line, || {
+                format!("identifier 0x{id:X} does not fit in 11 bits; read as one of 29 bits")
+            });
+        }
+        (id, extended || id > 0x7FF)
+    }
+
+    /// The message that a statement is about; `None` when it was refused before.
+    pub fn find(&self, raw: u32) -> Result<Option<usize>, Trouble> {
+        match self.messages.get(&raw) {
+            Some(found) => Ok(*found),
+            None => Err(format!("there is no message {} (0x{:X})", raw, raw & !EXTENDED)),
+        }
+    }
+}

@@ -111,7 +111,9 @@ impl<'a> Compiler<'a> {
             return known;
         }
         let switch = &self.message.signals[gate.switch];
-        let above = switch.gate.as_ref().map(|above| self.gate(above));
+        // A gate without values never opens and is its own switch: nothing is above it.
+        let above = switch.gate.as_ref().filter(|_| !gate.ranges.is_empty());
+        let above = above.map(|above| self.gate(above));
         let index = self.gates.len();
         self.gates.push(Check { switch: Bits::of(switch), ranges: gate.ranges.clone(), above });
         self.known.insert(key, index);

@@ -1,4 +1,5 @@
 //! `bustape explain` and `bustape protocols`, run as a person runs them.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 use std::io::Write as _;
 use std::process::{Command, Output, Stdio};

@@ -2,6 +2,8 @@
 
 mod can;
 mod candump;
+mod json;
+mod plain;
 
 use std::io::{BufRead, BufReader, IsTerminal as _, Read as _, Write as _};
 

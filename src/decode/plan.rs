@@ -23,10 +23,13 @@ struct Step {
     signal: usize,
 }
 
+/// From and to, both included.
+type Range = (u64, u64);
+
 #[derive(Debug)]
 struct Check {
     switch: Bits,
-    ranges: Vec<(u64, u64)>,
+    ranges: Vec<Range>,
     /// The switch's own gate.
     above: Option<usize>,
 }
@@ -101,7 +104,7 @@ impl Plan {
 struct Compiler<'a> {
     message: &'a Message,
     gates: Vec<Check>,
-    known: HashMap<(usize, &'a [(u64, u64)]), usize>,
+    known: HashMap<(usize, &'a [Range]), usize>,
 }
 
 impl<'a> Compiler<'a> {

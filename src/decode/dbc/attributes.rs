@@ -1,6 +1,6 @@
 //! `BA_DEF_`, `BA_DEF_DEF_`, `BA_`: the few attributes that say something about decoding.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 use super::lexer::Kind;
 use super::model::{Database, Format};
@@ -86,20 +86,19 @@ impl Attributes {
 
     /// Names longer than 32 characters stand in attributes. They are taken where they stay unique.
     fn rename(&mut self, db: &mut Database) {
-        let mut taken: std::collections::HashSet<String> =
+        let mut taken: HashSet<String> =
             db.messages.iter().map(|message| message.name.clone()).collect();
-        for (&index, name) in &self.renamed_messages {
-            if taken.insert(name.clone()) {
-                db.messages[index].name.clone_from(name);
+        for (index, message) in db.messages.iter_mut().enumerate() {
+            if let Some(name) = self.renamed_messages.get(&index)
+                && taken.insert(name.clone())
+            {
+                message.name.clone_from(name);
             }
         }
-        let mut taken = std::collections::HashSet::new();
-        for (&(message, _), _) in &self.renamed_signals {
-            taken.insert(message);
-        }
-        for message in taken {
+        let messages: HashSet<usize> = self.renamed_signals.keys().map(|key| key.0).collect();
+        for message in messages {
             let signals = &mut db.messages[message].signals;
-            let mut names: std::collections::HashSet<String> =
+            let mut names: HashSet<String> =
                 signals.iter().map(|signal| signal.name.clone()).collect();
             for (index, signal) in signals.iter_mut().enumerate() {
                 if let Some(name) = self.renamed_signals.get(&(message, index))
@@ -148,7 +147,7 @@ impl<'a> Parser<'a> {
             FRAME_FORMAT => match self.attributes.format(rest) {
                 Some(format) => message.format = format,
                 None => {
-                    self.oddities.note(line, || "VFrameFormat has no value; skipped".to_owned())
+                    self.oddities.note(line, || "VFrameFormat has no value; skipped".to_owned());
                 }
             },
             "GenMsgCycleTime" => {

@@ -7,8 +7,8 @@ use super::statement::{Statement, Trouble, integer, real, short, unescaped};
 use crate::frame::CAN_MAX_DATA;
 
 impl<'a> Parser<'a> {
-    /// "signal": SG_ name multiplexer ':' start '|' size '@' order sign '(' factor ',' offset ')'
-    /// '[' min '|' max ']' unit receiver.
+    /// "signal": `SG_ name multiplexer : start|size@order sign (factor,offset) [min|max] unit
+    /// receiver`.
     pub fn signal(&mut self, rest: &mut Statement<'_, 'a>, line: u32) -> Result<(), Trouble> {
         // Those of a message that was left out went with it.
         let Some(message) = self.open else {
@@ -205,13 +205,11 @@ impl<'a> Parser<'a> {
             while rest.next().is_some() {}
             return Ok(None);
         };
-        match self.signals.get(&(message, name)) {
-            Some(&index) => Ok(Some((message, index))),
-            None => {
-                let message = &self.db.messages[message].name;
-                Err(format!("message {message} has no signal {}", short(name)))
-            }
+        if let Some(&index) = self.signals.get(&(message, name)) {
+            return Ok(Some((message, index)));
         }
+        let message = &self.db.messages[message].name;
+        Err(format!("message {message} has no signal {}", short(name)))
     }
 }
 

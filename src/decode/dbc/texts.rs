@@ -6,7 +6,7 @@ use super::parser::Parser;
 use super::statement::{Statement, Trouble, integer, short, unescaped};
 
 impl<'a> Parser<'a> {
-    /// "value_table": VAL_TABLE_ name value "text" ... ;
+    /// "value_table": `VAL_TABLE_ name value "text" ... ;`
     pub fn value_table(&mut self, rest: &mut Statement<'_, 'a>, line: u32) -> Result<(), Trouble> {
         let name = rest.word("the name of a table")?;
         let labels = self.labels(rest, line);
@@ -14,7 +14,7 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
-    /// "value_encoding_for_signal": VAL_ id signal value "text" ... ; or the name of a table.
+    /// "value_encoding_for_signal": `VAL_ id signal value "text" ... ;` or the name of a table.
     pub fn values(&mut self, rest: &mut Statement<'_, 'a>, line: u32) -> Result<(), Trouble> {
         if let Some(Kind::Word(word)) = rest.peek()
             && integer(word).is_none()
@@ -66,7 +66,7 @@ impl<'a> Parser<'a> {
         labels.into()
     }
 
-    /// "comment": CM_ [object] "text";
+    /// "comment": `CM_ [object] "text";`
     pub fn comment(&mut self, rest: &mut Statement<'_, 'a>) -> Result<(), Trouble> {
         match rest.accept_word() {
             None => self.db.comment = unescaped(rest.text("a comment in quotes")?),
@@ -91,7 +91,7 @@ impl<'a> Parser<'a> {
         Ok(())
     }
 
-    /// "message_transmitters": BO_TX_BU_ id ':' node, node;
+    /// "message_transmitters": `BO_TX_BU_ id : node, node;`
     pub fn senders(&mut self, rest: &mut Statement<'_, 'a>) -> Result<(), Trouble> {
         let raw: u32 = rest.integer("identifier")?;
         rest.accept(':');

@@ -22,6 +22,16 @@ fn number(value: Value) -> Json {
     }
 }
 
+/// The JSON parser is off by one unit in the last place for some numbers.
+fn same(a: &Json, b: &Json) -> bool {
+    let (a, b) = (a.as_object().unwrap(), b.as_object().unwrap());
+    let near = |a: &Json, b: &Json| {
+        let (a, b) = (a.as_f64().unwrap(), b.as_f64().unwrap());
+        (a - b).abs() <= a.abs() * f64::EPSILON
+    };
+    a.len() == b.len() && a.iter().all(|(name, a)| b.get(name).is_some_and(|b| near(a, b)))
+}
+
 #[test]
 fn the_built_in_database_has_no_oddities_and_knows_every_identifier_once() {
     let parsed = parse(HMI_CAN);
@@ -57,7 +67,7 @@ fn frames_of_the_station_decode_as_its_protocol_says() {
                 labels[&signal.name] = json!(label);
             }
         });
-        assert_eq!(expected["signals"], signals, "{id:08X}");
+        assert!(same(&expected["signals"], &signals), "{id:08X} {signals}");
         if !expected["labels"].is_null() {
             assert_eq!(expected["labels"], labels, "{id:08X}");
         }

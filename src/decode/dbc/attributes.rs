@@ -32,6 +32,7 @@ impl Attributes {
     pub fn define(&mut self, rest: &mut Statement<'_, '_>) -> Result<(), Trouble> {
         rest.accept_word();
         if rest.accept_text() == Some(FRAME_FORMAT) && rest.accept_word() == Some("ENUM") {
+            self.formats.clear();
             while let Some(value) = rest.accept_text() {
                 self.formats.push(value.to_owned());
                 rest.accept(',');

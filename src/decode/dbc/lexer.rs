@@ -87,13 +87,21 @@ impl<'a> Lexer<'a> {
     }
 
     fn skip_blanks(&mut self) {
-        let rest = &self.text[self.at..];
-        let blanks = rest.len() - rest.trim_start().len();
-        let skipped = &rest.as_bytes()[..blanks];
-        let lines = count_lines(skipped, rest.as_bytes().get(blanks));
-        self.line += lines;
-        self.first |= lines > 0;
-        self.at += blanks;
+        loop {
+            let rest = &self.text[self.at..];
+            let blanks = rest.len() - rest.trim_start().len();
+            let skipped = &rest.as_bytes()[..blanks];
+            let lines = count_lines(skipped, rest.as_bytes().get(blanks));
+            self.line += lines;
+            self.first |= lines > 0;
+            self.at += blanks;
+            // Not in the format, but people write comments like this.
+            let rest = &self.text[self.at..];
+            if !rest.starts_with("//") {
+                return;
+            }
+            self.at += rest.find(['\n', '\r']).unwrap_or(rest.len());
+        }
     }
 
     /// A text. Its closing quote may be missing; then it ends where a line begins that can only be

@@ -19,8 +19,8 @@ mod texts;
 use std::borrow::Cow;
 
 pub use model::{
-    ByteOrder, Database, Format, Gate, Labels, MAX_SIGNALS, MAX_SIGNALS_PER_MESSAGE, Message,
-    Number, Signal,
+    ByteOrder, Database, Format, Gate, Labels, MAX_LIST, MAX_SIGNALS, MAX_SIGNALS_PER_MESSAGE,
+    Message, Number, Signal,
 };
 pub use oddities::{Oddities, Oddity};
 

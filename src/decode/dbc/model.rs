@@ -8,6 +8,9 @@ pub const MAX_SIGNALS: usize = 1 << 18;
 /// So many signals of a message are loaded: what one frame may cost to decode is bounded.
 pub const MAX_SIGNALS_PER_MESSAGE: usize = 1 << 13;
 
+/// So many texts of value tables, and as many ranges of multiplexed signals, are loaded.
+pub const MAX_LIST: usize = 1 << 20;
+
 /// The messages of one bus.
 #[derive(Debug, Default)]
 pub struct Database {
@@ -117,8 +120,6 @@ pub struct Signal {
     pub max: f64,
     /// Unit of the value.
     pub unit: String,
-    /// Who uses it.
-    pub receivers: Vec<String>,
     /// It selects other signals (`M`, `m0M`).
     pub switch: bool,
     /// When it is in the frame; `None`: always.

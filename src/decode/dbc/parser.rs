@@ -18,6 +18,9 @@ const EXTENDED: u32 = 0x8000_0000;
 /// So many messages of a file are loaded; the others are counted.
 const MAX_MESSAGES: usize = 1 << 16;
 
+/// So many nodes are kept.
+const MAX_NODES: usize = 4096;
+
 /// Sections without a meaning for decoding.
 const IGNORED: [&str; 22] = [
     "NS_",
@@ -63,6 +66,8 @@ pub struct Parser<'a> {
     pub message_names: Names,
     pub signal_names: Names,
     pub total_signals: usize,
+    pub total_ranges: usize,
+    pub total_labels: usize,
     unknown: HashSet<&'a str>,
 }
 
@@ -158,6 +163,9 @@ impl<'a> Parser<'a> {
     fn nodes(&mut self, rest: &mut Statement<'_, 'a>) -> Result<(), Trouble> {
         rest.mark(':')?;
         while let Some(node) = rest.accept_word() {
+            if self.db.nodes.len() >= MAX_NODES {
+                return Err(format!("there are {MAX_NODES} nodes already"));
+            }
             self.db.nodes.push(node.to_owned());
             rest.accept(',');
         }

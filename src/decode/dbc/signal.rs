@@ -1,6 +1,6 @@
 //! `SG_`, `SIG_VALTYPE_`, `SG_MUL_VAL_`: signals.
 
-use super::model::{ByteOrder, MAX_SIGNALS, MAX_SIGNALS_PER_MESSAGE, Number, Signal};
+use super::model::{ByteOrder, MAX_LIST, MAX_SIGNALS, MAX_SIGNALS_PER_MESSAGE, Number, Signal};
 use super::multiplex::{Mark, Selection};
 use super::parser::Parser;
 use super::statement::{Statement, Trouble, integer, real, short, unescaped};
@@ -24,7 +24,7 @@ impl<'a> Parser<'a> {
         let mut signal = self.layout(rest, name, line).map_err(of)?;
         self.scaling(rest, &mut signal).map_err(of)?;
         signal.unit = unescaped(rest.accept_text().unwrap_or_default());
-        signal.receivers = receivers(rest);
+        skip_receivers(rest);
         self.check(message, &signal).map_err(of)?;
 
         let unique = self.signal_names.take(name);
@@ -85,7 +85,6 @@ impl<'a> Parser<'a> {
             min: 0.0,
             max: 0.0,
             unit: String::new(),
-            receivers: Vec::new(),
             switch: false,
             gate: None,
             labels: None,
@@ -190,6 +189,10 @@ impl<'a> Parser<'a> {
         if ranges.is_empty() {
             return Err("it names no values".to_owned());
         }
+        self.total_ranges += ranges.len();
+        if self.total_ranges > MAX_LIST {
+            return Err(format!("there are {MAX_LIST} ranges already"));
+        }
         self.written.select(message, index, Selection { switch, ranges });
         Ok(())
     }
@@ -213,15 +216,6 @@ impl<'a> Parser<'a> {
     }
 }
 
-fn receivers(rest: &mut Statement<'_, '_>) -> Vec<String> {
-    let mut receivers = Vec::new();
-    while let Some(word) = rest.accept_word() {
-        if word != "Vector__XXX" {
-            receivers.push(word.to_owned());
-        }
-        if !rest.accept(',') {
-            break;
-        }
-    }
-    receivers
+fn skip_receivers(rest: &mut Statement<'_, '_>) {
+    while rest.accept_word().is_some() && rest.accept(',') {}
 }

@@ -1,7 +1,7 @@
 //! `VAL_TABLE_`, `VAL_`, `CM_`, `BO_TX_BU_`: texts for people.
 
 use super::lexer::Kind;
-use super::model::Labels;
+use super::model::{Labels, MAX_LIST};
 use super::parser::Parser;
 use super::statement::{Statement, Trouble, integer, short, unescaped};
 
@@ -43,7 +43,14 @@ impl<'a> Parser<'a> {
         while let Some(word) = rest.accept_word() {
             let text = rest.accept_text();
             match (integer(word), text) {
-                (Some(value), Some(text)) => labels.push((value, unescaped(text).into())),
+                (Some(_), Some(_)) if self.total_labels >= MAX_LIST => {
+                    let trouble = || format!("there are {MAX_LIST} texts already; skipped");
+                    self.oddities.lose(line, trouble);
+                }
+                (Some(value), Some(text)) => {
+                    self.total_labels += 1;
+                    labels.push((value, unescaped(text).into()));
+                }
                 (None, _) => {
                     self.oddities
                         .lose(line, || format!("{} is no raw value; skipped", short(word)));
@@ -100,8 +107,8 @@ impl<'a> Parser<'a> {
             rest.accept(',');
             let Some(index) = found else { continue };
             let senders = &mut self.db.messages[index].senders;
-            // So many nodes are on no bus; a hostile list must not be searched again and again.
-            if senders.len() < 256 && !senders.iter().any(|sender| sender == word) {
+            // So many nodes send no message; a hostile list must not be searched again and again.
+            if senders.len() < 32 && !senders.iter().any(|sender| sender == word) {
                 senders.push(word.to_owned());
             }
         }

@@ -14,6 +14,8 @@ fn lines(text: &str) -> Vec<u32> {
 #[test]
 fn a_file_needs_no_header_and_may_have_any_line_ends_and_a_byte_order_mark() {
     assert_eq!(lines(ONE), Vec::<u32>::new());
+    let commented = format!("// made by hand\n{}", ONE.replace("A: 8 X", "A: 8 X // first"));
+    assert_eq!(lines(&commented), Vec::<u32>::new());
     let full =
         format!("VERSION \"1.0\"\n\nNS_ :\n\tCM_\n\tBA_DEF_\n\tVAL_\n\nBS_:\n\nBU_: X Y\n\n{ONE}");
     assert_eq!(lines(&full), Vec::<u32>::new());

@@ -72,7 +72,7 @@ prop_compose! {
             order: if intel { ByteOrder::Intel } else { ByteOrder::Motorola },
             factor: if scaled { factor } else { 1.0 },
             offset: if scaled { offset } else { 0.0 },
-            min: 0.0, max: 0.0, unit: String::new(), receivers: vec![], switch: false, gate: None,
+            min: 0.0, max: 0.0, unit: String::new(), switch: false, gate: None,
             labels: None, comment: String::new(), line: 1,
         }
     }

@@ -8,7 +8,7 @@ use super::model::{Database, Labels, Message};
 use super::multiplex::{self, Written};
 use super::names::Names;
 use super::oddities::Oddities;
-use super::statement::{Statement, Trouble, short, unescaped};
+use super::statement::{Statement, Trouble, integer, short, unescaped};
 
 /// `VECTOR__INDEPENDENT_SIG_MSG`: where editors keep signals that belong to no message.
 const INDEPENDENT: u32 = 0xC000_0000;
@@ -22,9 +22,7 @@ const MAX_MESSAGES: usize = 1 << 16;
 const MAX_NODES: usize = 4096;
 
 /// Sections without a meaning for decoding.
-const IGNORED: [&str; 22] = [
-    "NS_",
-    "BS_",
+const IGNORED: [&str; 20] = [
     "EV_",
     "EV_DATA_",
     "ENVVAR_DATA_",
@@ -122,7 +120,9 @@ impl<'a> Parser<'a> {
             "BA_" => self.attribute(&mut rest, line),
             "SIG_VALTYPE_" => self.value_type(&mut rest, line),
             "BO_TX_BU_" => self.senders(&mut rest),
-            ignored if IGNORED.contains(&ignored) => return,
+            "NS_" => return,
+            "BS_" => bit_timing(&mut rest),
+            ignored if IGNORED.contains(&ignored) => skip(&mut rest),
             unknown => return self.unknown_section(unknown, line),
         };
         match done {
@@ -242,4 +242,24 @@ impl<'a> Parser<'a> {
             None => Err(format!("there is no message {} (0x{:X})", raw, raw & !EXTENDED)),
         }
     }
+}
+
+/// "bit_timing": `BS_: baudrate : BTR1 , BTR2`, obsolete.
+#[allow(clippy::unnecessary_wraps, reason = "as all statements")]
+fn bit_timing(rest: &mut Statement<'_, '_>) -> Result<(), Trouble> {
+    loop {
+        match rest.peek() {
+            Some(Kind::Mark(_)) => {}
+            Some(Kind::Word(word)) if integer(word).is_some() => {}
+            _ => return Ok(()),
+        }
+        rest.next();
+    }
+}
+
+/// To the end of the statement.
+#[allow(clippy::unnecessary_wraps, reason = "as all statements")]
+fn skip(rest: &mut Statement<'_, '_>) -> Result<(), Trouble> {
+    while rest.next().is_some_and(|kind| kind != Kind::Mark(';')) {}
+    Ok(())
 }

@@ -91,6 +91,10 @@ fn odd_but_clear_things_are_loaded_and_said() {
         (" SG_ range : 8|8@1+ (1,0) [?|?] \"\" Y", vec!["s", "range"]),
         ("NEW_SECTION_ 1 2 \"3\";", vec!["s"]),
         ("this is no DBC", vec!["s"]),
+        ("BS_: 500000 : 1,2\nnor this", vec!["s"]),
+        ("SIG_GROUP_ 16 group 1 : s;\nnor this", vec!["s"]),
+        ("VAL_ 16 s 1 \"one\" 1 \"another\" ;", vec!["s"]),
+        ("SIG_VALTYPE_ 16 s : 1;", vec!["s"]),
     ] {
         let parsed = parse(&format!("{ONE}{odd}\n"));
         assert_eq!(parsed.oddities.list().len(), 1, "{odd}");

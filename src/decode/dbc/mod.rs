@@ -7,6 +7,7 @@
 
 mod attributes;
 mod lexer;
+mod message;
 mod model;
 mod multiplex;
 mod names;

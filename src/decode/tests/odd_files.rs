@@ -91,6 +91,7 @@ fn odd_but_clear_things_are_loaded_and_said() {
         (" SG_ range : 8|8@1+ (1,0) [?|?] \"\" Y", vec!["s", "range"]),
         ("NEW_SECTION_ 1 2 \"3\";", vec!["s"]),
         ("this is no DBC", vec!["s"]),
+        ("BO_ 17 B: 5000 X", vec!["s"]),
         ("BS_: 500000 : 1,2\nnor this", vec!["s"]),
         ("SIG_GROUP_ 16 group 1 : s;\nnor this", vec!["s"]),
         ("VAL_ 16 s 1 \"one\" 1 \"another\" ;", vec!["s"]),

@@ -40,6 +40,10 @@ pub enum Command {
     Ports(PortsArgs),
     /// Record a simulated power station, without any hardware
     Demo(DemoArgs),
+    /// Decode frames of the command line or of stdin
+    Explain(ExplainArgs),
+    /// Look at the files that decoding goes by
+    Protocols(ProtocolsArgs),
 }
 
 /// Addresses, for the help of every command that takes them.
@@ -257,6 +261,60 @@ pub struct DemoArgs {
     /// How CAN frames stand in the file
     #[arg(long, value_enum, default_value_t)]
     pub layout: Layout,
+}
+
+/// Options of `bustape explain`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+PROTOCOL is hmi-can (built in), a DBC file, or FILE.dbc:j1939 to recognise 29-bit identifiers by
+their J1939 parameter group number. FRAME is written as candump does, and so are the lines of stdin:
+  123#DEADBEEF                       11-bit identifier
+  00030002#35DBA94107530AC3          29-bit identifier
+  123##1DEADBEEF, 123#R              CAN FD, remote frame
+  (1782097200.123456) can0 123#DEADBEEF
+Signals that are not in a frame (multiplexed away, or beyond its end) are absent, never 0.")]
+pub struct ExplainArgs {
+    /// Decode with this protocol
+    #[arg(long, value_name = "PROTOCOL")]
+    pub decode: String,
+
+    /// Print one JSON object a line
+    #[arg(long)]
+    pub json: bool,
+
+    /// Frames [default: lines of stdin]
+    #[arg(value_name = "FRAME")]
+    pub frames: Vec<String>,
+}
+
+/// Options of `bustape protocols`.
+#[derive(Debug, Args)]
+pub struct ProtocolsArgs {
+    /// What to do
+    #[command(subcommand)]
+    pub command: ProtocolsCommand,
+}
+
+/// What `bustape protocols` does.
+#[derive(Debug, Subcommand)]
+pub enum ProtocolsCommand {
+    /// Say what a DBC file defines and what in it is odd
+    #[command(after_help = "\
+Exit status: 0 all of the file was loaded (oddities may have been read in a way that is said), 1 it
+cannot be used, 3 something in it could not be loaded.")]
+    Check(CheckArgs),
+}
+
+/// Options of `bustape protocols check`.
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    /// A DBC file, or hmi-can
+    #[arg(value_name = "PROTOCOL")]
+    pub protocol: String,
+
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
 }
 
 fn parse_nonzero_duration(text: &str) -> Result<Duration, String> {

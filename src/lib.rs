@@ -16,6 +16,7 @@ pub mod capture;
 pub mod cli;
 pub mod clock;
 pub mod commands;
+pub mod decode;
 pub mod frame;
 pub mod record;
 pub mod recording;

@@ -1,6 +1,6 @@
 //! `bustape cat`: the frames of a recording as text.
 
-mod candump;
+pub(super) mod candump;
 mod hex;
 mod json;
 mod select;

@@ -17,6 +17,7 @@ pub mod cli;
 pub mod clock;
 pub mod commands;
 pub mod frame;
+pub mod protocol;
 pub mod record;
 pub mod recording;
 pub mod simulate;

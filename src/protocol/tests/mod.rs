@@ -1,0 +1,3 @@
+//! Promises of the definition language and the decoder, as a whole.
+
+mod vectors;

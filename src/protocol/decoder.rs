@@ -74,11 +74,14 @@ impl Decoder {
         bytes: &[u8],
         take: &mut dyn FnMut(Item),
     ) {
-        let deframer = match direction {
-            Direction::Rx => &mut self.rx,
-            Direction::Tx => &mut self.tx,
+        let (deframer, other, back) = match direction {
+            Direction::Rx => (&mut self.rx, &mut self.tx, Direction::Tx),
+            Direction::Tx => (&mut self.tx, &mut self.rx, Direction::Rx),
         };
         let (protocol, pairing) = (&*self.protocol, &mut self.pairing);
+        other.pass(time, &mut |time, cut| {
+            take(protocol.item(pairing, back, time, cut));
+        });
         deframer.feed(time, bytes, &mut |time, cut| {
             take(protocol.item(pairing, direction, time, cut));
         });
@@ -88,7 +91,7 @@ impl Decoder {
     /// are forgotten.
     pub fn finish(&mut self, take: &mut dyn FnMut(Item)) {
         let (protocol, pairing) = (&*self.protocol, &mut self.pairing);
-        for (direction, deframer) in [(Direction::Rx, &mut self.rx), (Direction::Tx, &mut self.tx)]
+        for (direction, deframer) in [(Direction::Tx, &mut self.tx), (Direction::Rx, &mut self.rx)]
         {
             deframer.finish(&mut |time, cut| take(protocol.item(pairing, direction, time, cut)));
         }

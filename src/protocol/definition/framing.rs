@@ -109,13 +109,11 @@ fn kind(form: &FramingForm, span: &Range<usize>) -> Result<Kind, Fault> {
 /// Silence in ns.
 fn gap(form: &FramingForm, span: &Range<usize>) -> Result<u64, Fault> {
     let gap = form.gap_us.as_ref();
-    match gap.map(|gap| *gap.get_ref()).filter(|gap| (1..=60_000_000).contains(gap)) {
-        Some(gap) => Ok(gap * 1000),
-        None => {
-            let at = gap.map_or(span.clone(), Spanned::span);
-            Err(Fault::at(at, "the silence between frames; expected gap_us of 1 to 60000000"))
-        }
+    if let Some(gap) = gap.map(|gap| *gap.get_ref()).filter(|gap| (1..=60_000_000).contains(gap)) {
+        return Ok(gap * 1000);
     }
+    let at = gap.map_or(span.clone(), Spanned::span);
+    Err(Fault::at(at, "the silence between frames; expected gap_us of 1 to 60000000"))
 }
 
 fn flag(form: Option<&Spanned<Vec<u8>>>, key: &str, span: &Range<usize>) -> Result<Vec<u8>, Fault> {

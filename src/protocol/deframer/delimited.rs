@@ -55,6 +55,12 @@ impl Delimited {
         }
     }
 
+    /// Memory for the open frame, in bytes.
+    #[cfg(test)]
+    pub fn held(&self) -> usize {
+        self.bytes.capacity()
+    }
+
     fn is_open(&self) -> bool {
         !self.bytes.is_empty() || self.dropped > 0
     }

@@ -117,6 +117,13 @@ impl Deframer {
         }
     }
 
+    /// Says that it is `time` and no byte has come since; where silence ends frames, it may now.
+    pub fn pass(&mut self, time: Timestamp, take: &mut Take<'_>) {
+        if let (State::Silence(state), Kind::Silence(gap)) = (&mut self.state, &self.framing.kind) {
+            state.pass(*gap, &self.framing.layout, time, take);
+        }
+    }
+
     /// Says that the input has ended (or that bytes are missing here) and starts afresh.
     pub fn finish(&mut self, take: &mut Take<'_>) {
         match &mut self.state {

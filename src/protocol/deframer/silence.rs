@@ -22,9 +22,7 @@ impl Silence {
         bytes: &[u8],
         take: &mut Take<'_>,
     ) {
-        if time.since(self.last) >= gap {
-            self.close(layout, take);
-        }
+        self.pass(gap, layout, time, take);
         if self.bytes.is_empty() && self.dropped == 0 {
             self.begun = time;
         }
@@ -33,6 +31,12 @@ impl Silence {
         let (kept, over) = bytes.split_at(room.min(bytes.len()));
         self.bytes.extend_from_slice(kept);
         self.dropped += over.len() as u64;
+    }
+
+    pub fn pass(&mut self, gap: u64, layout: &Layout, time: Timestamp, take: &mut Take<'_>) {
+        if time.since(self.last) >= gap {
+            self.close(layout, take);
+        }
     }
 
     pub fn close(&mut self, layout: &Layout, take: &mut Take<'_>) {

@@ -124,8 +124,9 @@ fn hdlc_slip_and_cobs_come_out_as_their_standards_say() {
     );
     // RFC 1055 and the COBS paper: a block of 254 bytes has no zero behind it.
     let long: Vec<u8> = (1..=254).collect();
-    let sent = [&[3, 0x11, 0x22, 2, 0x33, 0][..], &[0xFF], &long, &[0], &[5, 1, 0]].concat();
+    let sent = [&[3, 0x11, 0x22, 2, 0x33, 0][..], &[0xFF], &long, &[2, 9, 0], &[5, 1, 0]].concat();
     let bad = Cut::BadEncoding { bytes: 2 };
+    let long = [&long[..], &[9]].concat();
     assert_eq!(found(COBS, &sent), [frame(&[0x11, 0x22, 0, 0x33]), frame(&long), bad]);
 }
 
@@ -144,8 +145,10 @@ fn silence_ends_a_frame() {
 
 #[test]
 fn a_frame_has_the_time_of_its_first_byte() {
-    let found = cuts(FIXED, &[b"ab", b"c\x02\x02", b"\x02", b"\x00\x02"]);
-    assert_eq!(found, [(0, garbage(3)), (1, frame(&[2, 2, 2, 0])), (3, Cut::Incomplete)]);
+    let found = cuts(FIXED, &[b"ab", b"c\x02\x02", b"\x02", b"\x00", b"ab", b"\x02"]);
+    let good = frame(&[2, 2, 2, 0]);
+    let expected = [(0, garbage(3)), (1, good), (4, garbage(2)), (5, Cut::Incomplete)];
+    assert_eq!(found, expected);
 }
 
 #[test]

@@ -3,6 +3,7 @@
 mod cat;
 mod convert;
 mod demo;
+pub mod explain_serial;
 mod info;
 mod output;
 mod ports;

@@ -2,9 +2,9 @@
 
 use serde_json::{Map, Value as Json, json};
 
-use super::decoder::{FrameItem, Item, ItemKind};
 use super::definition::Format;
 use super::deframer::Cut;
+use super::item::{FrameItem, Item, ItemKind};
 use super::message::{Answered, Asked, Message, Request, Response};
 use super::payload::{Decoded, Field, Fit, Value};
 use super::word::{Reading, hex};
@@ -183,14 +183,12 @@ fn field(field: &Field) -> Json {
     if let (Some((scale, offset)), Some(number)) = (plan.scale, field.value.number()) {
         object.insert("scaled".into(), finite(number * scale + offset));
     }
-    if let (Some(values), Value::Unsigned(number)) = (&plan.values, &field.value) {
-        object.insert("label".into(), text(values.get(number).map(AsRef::as_ref)));
+    if plan.values.is_some() {
+        object.insert("label".into(), text(field.label().map(AsRef::as_ref)));
     }
-    if let (Some(flags), Value::Unsigned(number)) = (&plan.flags, &field.value) {
-        let set = flags.iter().filter(|(mask, _)| number & **mask == **mask);
-        object.insert("flags".into(), set.map(|(_, name)| Json::from(&**name)).collect());
-        let known = flags.keys().fold(0, |known, mask| known | mask);
-        object.insert("unknown_flags".into(), (number & !known).into());
+    if let Some((set, unknown)) = field.flags() {
+        object.insert("flags".into(), set.into_iter().map(|name| Json::from(&**name)).collect());
+        object.insert("unknown_flags".into(), unknown.into());
     }
     object.into()
 }
@@ -228,7 +226,8 @@ fn text(text: Option<&str>) -> Json {
     text.map_or(Json::Null, Json::from)
 }
 
-fn digits(bytes: &[u8]) -> String {
+/// Bytes as hexadecimal digits.
+pub fn digits(bytes: &[u8]) -> String {
     use std::fmt::Write as _;
     bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
         // Writing to a String cannot fail.

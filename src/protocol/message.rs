@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::payload::{Decoded, Payload};
+use super::payload::{Decoded, Field, Payload};
 use super::word::Reading;
 
 /// One command of a protocol.
@@ -53,7 +53,7 @@ pub struct Asked {
     /// The command, if it is known.
     pub command: Option<Arc<Command>>,
     /// The decoded `args`.
-    pub args: Vec<super::payload::Field>,
+    pub args: Vec<Field>,
 }
 
 /// Why an answer has no request.
@@ -87,6 +87,17 @@ pub enum Message {
         /// A response only: there was a request for it.
         paired: Option<bool>,
     },
+}
+
+impl Message {
+    /// The decoded fields of the command.
+    pub fn fields(&self) -> &[Field] {
+        match self {
+            Self::Request(request) | Self::Report(request) => &request.data.fields,
+            Self::Response(response) => &response.data.fields,
+            Self::Link { .. } | Self::LinkReply { .. } | Self::Malformed { .. } => &[],
+        }
+    }
 }
 
 /// A request, or a report.

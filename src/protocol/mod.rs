@@ -10,6 +10,7 @@ pub mod definition;
 pub mod deframer;
 pub mod error;
 pub mod framing;
+pub mod item;
 pub mod json;
 pub mod message;
 pub mod pairing;
@@ -22,9 +23,10 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 pub use condition::Side;
-pub use decoder::{Decoder, FrameItem, Item, ItemKind};
+pub use decoder::Decoder;
 pub use definition::{ByteOrder, LineForm, Parity};
 pub use error::DefinitionError;
+pub use item::{FrameItem, Item, ItemKind};
 pub use message::Command;
 
 use condition::Condition;

@@ -127,6 +127,24 @@ pub struct Field {
     pub value: Value,
 }
 
+impl Field {
+    /// The name of the value; `None` when there is no table, or it has none for this value.
+    pub fn label(&self) -> Option<&Arc<str>> {
+        let Value::Unsigned(number) = &self.value else { return None };
+        self.plan.values.as_ref()?.get(number)
+    }
+
+    /// The names of the bits that are set, and the bits without a name; `None` for other fields.
+    pub fn flags(&self) -> Option<(Vec<&Arc<str>>, u64)> {
+        let (Some(flags), Value::Unsigned(number)) = (&self.plan.flags, &self.value) else {
+            return None;
+        };
+        let set = flags.iter().filter(|(mask, _)| number & **mask == **mask);
+        let known = flags.keys().fold(0, |known, mask| known | mask);
+        Some((set.map(|(_, name)| name).collect(), number & !known))
+    }
+}
+
 /// Whether the data are as long as the definition says.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fit {

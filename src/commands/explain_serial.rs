@@ -103,6 +103,8 @@ fn add_words(object: &serde_json::Value, words: &mut Vec<String>) {
         match value {
             serde_json::Value::Null => {}
             _ if key == "fields" => {}
+            // What is understood need not be shown as digits too.
+            _ if key == "data" && !object["message"].is_null() => {}
             serde_json::Value::Object(_) => add_words(value, words),
             serde_json::Value::String(text) if text.is_empty() => {}
             serde_json::Value::String(text) if ["item", "kind", "op", "cmd"].contains(&&**key) => {

@@ -1,4 +1,4 @@
-//! Frame checks by their names in the CRC catalogue (https://reveng.sourceforge.io/crc-catalogue),
+//! Frame checks by their names in the CRC catalogue (<https://reveng.sourceforge.io/crc-catalogue>),
 //! and the three sums that small devices use instead.
 
 use crc::Crc;

@@ -14,6 +14,9 @@ pub struct DefinitionError {
     pub text: String,
 }
 
+/// Longest text of an error, in characters; what it quotes may be longer.
+const LONGEST: usize = 2000;
+
 /// The same while compiling, when only the place in the text is known.
 #[derive(Debug)]
 pub struct Fault {
@@ -35,7 +38,8 @@ impl Fault {
             let before = source.as_bytes().get(..span.start).unwrap_or_default();
             1 + before.split(|byte| *byte == b'\n').count().saturating_sub(1)
         });
-        DefinitionError { file: file.to_owned(), line, text: self.text }
+        let text = self.text.chars().take(LONGEST).collect();
+        DefinitionError { file: file.to_owned(), line, text }
     }
 }
 

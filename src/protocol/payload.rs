@@ -21,7 +21,7 @@ pub enum FieldType {
 }
 
 /// One field of a command.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct FieldPlan {
     /// Its name.
     pub name: Arc<str>,
@@ -34,9 +34,9 @@ pub struct FieldPlan {
     /// Byte order.
     pub order: ByteOrder,
     /// Unit, as printed by the source of the definition.
-    pub unit: Option<String>,
+    pub unit: Option<Arc<str>>,
     /// What people call it.
-    pub title: Option<String>,
+    pub title: Option<Arc<str>>,
     /// The value in its unit is the number times `scale` plus `offset`.
     pub scale: Option<(f64, f64)>,
     /// Names of its values.

@@ -15,6 +15,9 @@ use super::{Carries, Definition, Table, framing, messages};
 /// Longest definition, in bytes.
 const LONGEST: usize = 4 << 20;
 
+/// Most fields of all commands.
+const MOST_FIELDS: usize = 1 << 16;
+
 /// Compiles a definition.
 pub fn protocol(text: &str, settings: Settings) -> Result<Protocol, Fault> {
     if text.len() > LONGEST {
@@ -92,7 +95,7 @@ fn tables(forms: &BTreeMap<String, Spanned<Table>>) -> Result<Tables, Fault> {
 }
 
 fn commands(definition: &Definition, context: &Context<'_>) -> Result<Vec<Arc<Command>>, Fault> {
-    let mut commands = Vec::new();
+    let (mut commands, mut fields) = (Vec::new(), 0);
     for form in &definition.command {
         let command = context.command(form)?;
         let by_data = form.get_ref().by_data.as_ref();
@@ -104,6 +107,11 @@ fn commands(definition: &Definition, context: &Context<'_>) -> Result<Vec<Arc<Co
                 let text = format!("there is no operation \"{name}\"; expected {known}");
                 return Err(Fault::at(form.span(), text));
             }
+        }
+        fields += command.fields.fields.len() + command.args.fields.len();
+        if fields > MOST_FIELDS {
+            let text = format!("{fields} fields in all; expected {MOST_FIELDS} at most");
+            return Err(Fault::at(form.span(), text));
         }
         commands.push(Arc::new(command));
     }

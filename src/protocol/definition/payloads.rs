@@ -1,5 +1,6 @@
 //! Compiles `[[command]]`.
 
+use std::collections::HashSet;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -9,7 +10,7 @@ use super::super::error::Fault;
 use super::super::message::{ByData, Command};
 use super::super::payload::{FieldPlan, FieldType, Payload};
 use super::values::{self, Tables};
-use super::{ByDataForm, ByteOrder, CommandForm, FieldForm, OneOrMany, ValuesForm};
+use super::{ByDataForm, ByteOrder, CommandForm, FieldForm, OneOrMany};
 
 /// Most fields of one command.
 const MOST_FIELDS: usize = 4096;
@@ -64,6 +65,7 @@ impl Context<'_> {
 
     fn payload(&self, forms: &[Spanned<FieldForm>]) -> Result<Payload, Fault> {
         let mut payload = Payload::default();
+        let mut names = HashSet::new();
         for spanned in forms {
             let (form, span) = (spanned.get_ref(), spanned.span());
             if payload.fields.last().is_some_and(|last| last.size.is_none()) {
@@ -75,70 +77,59 @@ impl Context<'_> {
                 let text = format!("{count} fields; expected 1 to {MOST_FIELDS} in a command");
                 return Err(Fault::at(span, text));
             }
+            let plan = self.plan(form, &span)?;
             for number in 0..count {
-                let name = numbered(form, number);
-                self.add(form, &name, &mut payload, &span)?;
+                let name = values::name(&numbered(form, number), &span)?;
+                if !names.insert(name.clone()) {
+                    let text = format!("the name \"{name}\" is used twice; expected it once");
+                    return Err(Fault::at(span, text));
+                }
+                let at = payload.size;
+                payload.size += plan.size.unwrap_or(0);
+                payload.fields.push(Arc::new(FieldPlan { name, at, ..plan.clone() }));
+            }
+            if payload.size > LONGEST {
+                let text = format!("data of {} bytes; expected {LONGEST} at most", payload.size);
+                return Err(Fault::at(span, text));
             }
         }
         Ok(payload)
     }
 
-    fn add(
-        &self,
-        form: &FieldForm,
-        name: &str,
-        payload: &mut Payload,
-        span: &Range<usize>,
-    ) -> Result<(), Fault> {
-        let name = values::name(name, span)?;
-        if payload.fields.iter().any(|field| field.name == name) {
-            let text = format!("the name \"{name}\" is used twice; expected it once");
-            return Err(Fault::at(span.clone(), text));
-        }
+    /// What all fields of a form share.
+    fn plan(&self, form: &FieldForm, span: &Range<usize>) -> Result<FieldPlan, Fault> {
         let (kind, size) = kind(form, span)?;
-        if matches!(kind, FieldType::Text | FieldType::Bytes)
-            && size.is_none()
-            && form.count.is_some()
-        {
-            let text = format!("\"{name}\" takes all bytes that are left; expected no count");
+        if size.is_none() && form.count.is_some() || size.is_some_and(|size| size > LONGEST) {
+            let text = format!(
+                "\"{}\"; expected a size of at most {LONGEST}, and no count without a size",
+                form.name
+            );
             return Err(Fault::at(span.clone(), text));
         }
-        let labels = match &form.assumed {
-            Some(assumed) if self.assume && form.values.is_none() => Some(assumed),
-            _ => form.values.as_ref(),
-        };
-        if let Some(ValuesForm::Name(_)) = form.assumed.as_ref().filter(|_| labels.is_none()) {
-            // A wrong name is an error even when the table is not used.
-            values::resolve(form.assumed.as_ref(), self.values, "values", span)?;
-        }
-        let values = values::resolve(labels, self.values, "values", span)?;
-        let flags = values::resolve(form.flags.as_ref(), self.flags, "flags", span)?;
-        if kind != FieldType::Unsigned && (values.is_some() || flags.is_some()) {
-            let text = format!("\"{name}\" has values or flags; expected u8, u16, u32 or u64");
+        let resolve = |form, tables, kind| values::resolve(form, tables, kind, span);
+        // A wrong name is an error even when the table is not used.
+        let assumed = resolve(form.assumed.as_ref(), self.values, "values")?;
+        let values = resolve(form.values.as_ref(), self.values, "values")?;
+        let flags = resolve(form.flags.as_ref(), self.flags, "flags")?;
+        let named = assumed.is_some() || values.is_some() || flags.is_some();
+        if kind != FieldType::Unsigned && named {
+            let text =
+                format!("\"{}\" has values or flags; expected u8, u16, u32 or u64", form.name);
             return Err(Fault::at(span.clone(), text));
         }
         let scaled = form.scale.is_some() || form.offset.is_some();
-        let scale = scaled.then_some((form.scale.unwrap_or(1.0), form.offset.unwrap_or(0.0)));
-        let at = payload.size;
-        payload.size += size.unwrap_or(0);
-        if payload.size > LONGEST {
-            let text =
-                format!("\"{name}\" ends at byte {}; expected {LONGEST} at most", payload.size);
-            return Err(Fault::at(span.clone(), text));
-        }
-        payload.fields.push(Arc::new(FieldPlan {
-            name,
+        Ok(FieldPlan {
+            name: "".into(),
             kind,
             size,
-            at,
+            at: 0,
             order: form.byte_order.unwrap_or(self.order),
-            unit: form.unit.clone(),
-            title: form.title.clone(),
-            scale,
-            values,
+            unit: form.unit.as_deref().map(Into::into),
+            title: form.title.as_deref().map(Into::into),
+            scale: scaled.then_some((form.scale.unwrap_or(1.0), form.offset.unwrap_or(0.0))),
+            values: values.or(assumed.filter(|_| self.assume)),
             flags,
-        }));
-        Ok(())
+        })
     }
 }
 

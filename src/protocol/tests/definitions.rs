@@ -111,6 +111,23 @@ fn the_built_in_protocol_has_all_that_its_document_prints() {
 }
 
 #[test]
+fn a_definition_cannot_ask_for_more_fields_than_there_is_memory() {
+    let command = |id: usize| {
+        format!(
+            "[[command]]\nid = {id}\nname = \"c{id}\"\n\
+             fields = [{{ name = \"x\", type = \"u8\", count = 4096, title = \"{}\" }}]\n",
+            "t".repeat(10_000)
+        )
+    };
+    let text: String = (2..200).map(command).collect();
+    let error = Protocol::parse("f", &format!("{GOOD}{text}"), Settings::default()).unwrap_err();
+    assert!(error.to_string().contains("fields in all; expected 65536 at most"), "{error}");
+    let long = GOOD.replace("power", &"p".repeat(1 << 20));
+    let error = Protocol::parse("f", &long, Settings::default()).unwrap_err();
+    assert!(error.to_string().len() < 2100);
+}
+
+#[test]
 fn settings_are_read_and_wrong_ones_refused() {
     let settings = Settings::parse("byte_order=little,assume=true").unwrap();
     assert_eq!(format!("{settings:?}"), "Settings { byte_order: Some(Little), assume: true }");

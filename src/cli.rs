@@ -274,16 +274,21 @@ their J1939 parameter group number. FRAME is written as candump does, and so are
   (1782097200.123456) can0 123#DEADBEEF
 Signals that are not in a frame (multiplexed away, or beyond its end) are absent, never 0.")]
 pub struct ExplainArgs {
-    /// Decode with this protocol
+    /// Decode with this protocol: hmi-can, FILE.dbc or FILE.dbc:j1939 for CAN; zhongheng-09 or
+    /// FILE.toml for serial lines, settings behind a colon (zhongheng-09:byte_order=little)
     #[arg(long, value_name = "PROTOCOL")]
     pub decode: String,
+
+    /// Read this file, or stdin for "-": lines of candump, or the raw bytes of a serial line
+    #[arg(long, value_name = "FILE", conflicts_with = "frames")]
+    pub input: Option<PathBuf>,
 
     /// Print one JSON object a line
     #[arg(long)]
     pub json: bool,
 
-    /// Frames [default: lines of stdin]
-    #[arg(value_name = "FRAME")]
+    /// CAN frames as candump prints them, or hex digits of a serial line [default: read from stdin]
+    #[arg(value_name = "FRAME|HEX")]
     pub frames: Vec<String>,
 }
 

@@ -25,7 +25,9 @@ pub fn named(text: &str) -> Result<CanProtocol> {
         Some(Ok(protocol)) => Ok(protocol),
         Some(Err(why)) => Err(UsageError(why).into()),
         None => {
-            let text = format!("\"{text}\" is no protocol; give hmi-can or a .dbc file");
+            let text = format!(
+                "\"{text}\" is no protocol; give hmi-can, zhongheng-09, a .dbc or a .toml file"
+            );
             Err(UsageError(text).into())
         }
     }

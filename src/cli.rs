@@ -303,7 +303,7 @@ pub struct ProtocolsArgs {
 /// What `bustape protocols` does.
 #[derive(Debug, Subcommand)]
 pub enum ProtocolsCommand {
-    /// Say what a DBC file defines and what in it is odd
+    /// Say what a protocol file defines and what in it is odd
     #[command(after_help = "\
 Exit status: 0 all of the file was loaded (oddities may have been read in a way that is said), 1 it
 cannot be used, 3 something in it could not be loaded.")]
@@ -313,7 +313,7 @@ cannot be used, 3 something in it could not be loaded.")]
 /// Options of `bustape protocols check`.
 #[derive(Debug, Args)]
 pub struct CheckArgs {
-    /// A DBC file, or hmi-can
+    /// A DBC file, a definition in TOML, or a built-in name (hmi-can, zhongheng-09)
     #[arg(value_name = "PROTOCOL")]
     pub protocol: String,
 

@@ -4,7 +4,7 @@ mod can;
 mod candump;
 mod json;
 mod plain;
-mod serial;
+pub mod serial;
 
 use std::io::{BufRead, BufReader, IsTerminal as _, Read as _, Write as _};
 

@@ -58,6 +58,9 @@ pub fn oddity_text(name: &str, oddity: &Oddity) -> String {
 }
 
 fn check(args: &CheckArgs) -> Result<Ended> {
+    if let Some(protocol) = super::explain::serial::load(&args.protocol)? {
+        return check_serial(&args.protocol, &protocol, args.json);
+    }
     let protocol = named(&args.protocol)?;
     let parsed = load(&protocol)?;
     let mut out = output::stdout();
@@ -68,6 +71,19 @@ fn check(args: &CheckArgs) -> Result<Ended> {
     }
     out.flush()?;
     Ok(if parsed.oddities.lost() > 0 { Ended::WithLoss } else { Ended::Well })
+}
+
+/// A definition of a serial protocol loads as a whole or not at all.
+fn check_serial(name: &str, protocol: &crate::protocol::Protocol, as_json: bool) -> Result<Ended> {
+    let commands = protocol.commands.len();
+    let mut out = output::stdout();
+    if as_json {
+        writeln!(out, "{}", json!({ "protocol": name, "commands": commands }))?;
+    } else {
+        writeln!(out, "{}: {} commands; no faults", printable(name), grouped(commands as u64))?;
+    }
+    out.flush()?;
+    Ok(Ended::Well)
 }
 
 fn print(out: &mut impl std::io::Write, name: &str, parsed: &Parsed) -> Result<()> {

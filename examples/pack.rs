@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use anyhow::{Context as _, Result};
 use bustape::frame::{CanFlags, CanFrame, Frame, Stamped, Timestamp};
 use bustape::record::{Segments, Split, Target};
-use bustape::recording::container::Facts;
+use bustape::recording::definition::Facts;
 use bustape::recording::disk::RealDisk;
 use bustape::recording::writer::{Head, Layout, WriterOptions};
 use clap::Parser as _;

@@ -40,6 +40,10 @@ pub enum Command {
     Ports(PortsArgs),
     /// Record a simulated power station, without any hardware
     Demo(DemoArgs),
+    /// Decode frames of the command line or of stdin
+    Explain(ExplainArgs),
+    /// Look at the files that decoding goes by
+    Protocols(ProtocolsArgs),
 }
 
 /// Addresses, for the help of every command that takes them.
@@ -70,7 +74,8 @@ pub struct RecordArgs {
     pub buses: Vec<String>,
 
     /// Record into this file (FILE.part until it is finished); an existing file is never
-    /// overwritten
+    /// overwritten. For days use --dir: the index of one long file takes some 40 MiB of memory a
+    /// day
     #[arg(short, long, value_name = "FILE")]
     pub output: Option<PathBuf>,
 
@@ -91,7 +96,8 @@ pub struct RecordArgs {
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     pub duration: Option<Duration>,
 
-    /// Stop after this many frames of all buses together (a serial read counts as one)
+    /// Stop after this many frames of all buses together (a serial read counts as one) [default:
+    /// record until stopped]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
 
@@ -257,6 +263,65 @@ pub struct DemoArgs {
     pub layout: Layout,
 }
 
+/// Options of `bustape explain`.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+PROTOCOL is hmi-can (built in), a DBC file, or FILE.dbc:j1939 to recognise 29-bit identifiers by
+their J1939 parameter group number. FRAME is written as candump does, and so are the lines of stdin:
+  123#DEADBEEF                       11-bit identifier
+  00030002#35DBA94107530AC3          29-bit identifier
+  123##1DEADBEEF, 123#R              CAN FD, remote frame
+  (1782097200.123456) can0 123#DEADBEEF
+Signals that are not in a frame (multiplexed away, or beyond its end) are absent, never 0.")]
+pub struct ExplainArgs {
+    /// Decode with this protocol: hmi-can, FILE.dbc or FILE.dbc:j1939 for CAN; zhongheng-09 or
+    /// FILE.toml for serial lines, settings behind a colon (zhongheng-09:byte_order=little)
+    #[arg(long, value_name = "PROTOCOL")]
+    pub decode: String,
+
+    /// Read this file, or stdin for "-": lines of candump, or the raw bytes of a serial line
+    #[arg(long, value_name = "FILE", conflicts_with = "frames")]
+    pub input: Option<PathBuf>,
+
+    /// Print one JSON object a line
+    #[arg(long)]
+    pub json: bool,
+
+    /// CAN frames as candump prints them, or hex digits of a serial line [default: read from stdin]
+    #[arg(value_name = "FRAME|HEX")]
+    pub frames: Vec<String>,
+}
+
+/// Options of `bustape protocols`.
+#[derive(Debug, Args)]
+pub struct ProtocolsArgs {
+    /// What to do
+    #[command(subcommand)]
+    pub command: ProtocolsCommand,
+}
+
+/// What `bustape protocols` does.
+#[derive(Debug, Subcommand)]
+pub enum ProtocolsCommand {
+    /// Say what a DBC file defines and what in it is odd
+    #[command(after_help = "\
+Exit status: 0 all of the file was loaded (oddities may have been read in a way that is said), 1 it
+cannot be used, 3 something in it could not be loaded.")]
+    Check(CheckArgs),
+}
+
+/// Options of `bustape protocols check`.
+#[derive(Debug, Args)]
+pub struct CheckArgs {
+    /// A DBC file, or hmi-can
+    #[arg(value_name = "PROTOCOL")]
+    pub protocol: String,
+
+    /// Print one JSON object
+    #[arg(long)]
+    pub json: bool,
+}
+
 fn parse_nonzero_duration(text: &str) -> Result<Duration, String> {
     let duration = parse_duration(text)?;
     if duration < Duration::from_millis(1) {
@@ -284,8 +349,8 @@ fn parse_split_size(text: &str) -> Result<u64, String> {
 
 fn parse_queue(text: &str) -> Result<u64, String> {
     let size = parse_size(text)?;
-    if size < 4 << 10 {
-        return Err(format!("{text} is too small; the least is 4KiB"));
+    if size < 1 << 10 {
+        return Err(format!("{text} is too small; the least is 1KiB"));
     }
     Ok(size)
 }

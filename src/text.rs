@@ -110,13 +110,26 @@ pub fn grouped(number: u64) -> String {
 /// Text from outside with every control and direction-changing character escaped, so that it
 /// cannot drive a terminal.
 pub fn printable(text: &str) -> String {
-    let unsafe_char = |c: char| {
+    escaped(text, |out, c| out.extend(c.escape_unicode()))
+}
+
+/// A JSON text in which no such character is left either. Only its strings can have them, so it
+/// says the same as before.
+pub fn printable_json(text: &str) -> String {
+    escaped(text, |out, c| out.extend(format!("\\u{:04x}", u32::from(c)).chars()))
+}
+
+fn escaped(text: &str, escape: impl Fn(&mut String, char)) -> String {
+    let drives_terminal = |c: char| {
         c.is_control()
             || matches!(c, '\u{200E}'..='\u{200F}' | '\u{2028}'..='\u{202E}' | '\u{2066}'..='\u{2069}')
     };
+    if text.bytes().all(|byte| (0x20..0x7F).contains(&byte)) {
+        return text.to_owned();
+    }
     text.chars().fold(String::with_capacity(text.len()), |mut out, c| {
-        if unsafe_char(c) {
-            out.extend(c.escape_unicode());
+        if drives_terminal(c) {
+            escape(&mut out, c);
         } else {
             out.push(c);
         }
@@ -161,5 +174,6 @@ mod tests {
     #[test]
     fn foreign_text_cannot_drive_a_terminal() {
         assert_eq!(printable("a\x1b[2Jb\u{202E}c"), "a\\u{1b}[2Jb\\u{202e}c");
+        assert_eq!(printable_json("[\"a\u{9b}\u{7f}\"]"), "[\"a\\u009b\\u007f\"]");
     }
 }

@@ -1,6 +1,6 @@
 //! `bustape cat`: the frames of a recording as text.
 
-mod candump;
+pub(super) mod candump;
 mod hex;
 mod json;
 mod select;
@@ -14,7 +14,7 @@ use crate::cli::{CatArgs, TimeStyle};
 use crate::frame::{Frame, Gap, Stamped, Timestamp};
 use crate::record::{reason_name, unit_name};
 use crate::recording::reader::{Entry, Recording};
-use crate::text::rfc3339_millis;
+use crate::text::{printable, printable_json, rfc3339_millis};
 use select::Selection;
 
 /// Runs the command.
@@ -42,6 +42,8 @@ pub fn run(args: &CatArgs) -> Result<Ended> {
 struct Printer<'a> {
     args: &'a CatArgs,
     recording: &'a Recording,
+    /// The names of its buses, fit for a terminal.
+    buses: Vec<String>,
     messages: json::Messages<'a>,
     out: std::io::BufWriter<std::io::StdoutLock<'static>>,
     clock: TimeColumn,
@@ -53,6 +55,7 @@ impl<'a> Printer<'a> {
         Self {
             args,
             recording,
+            buses: recording.buses.iter().map(|name| printable(name)).collect(),
             messages: json::Messages::new(recording),
             out: output::stdout(),
             clock: TimeColumn::new(args.time, args.nanoseconds),
@@ -74,11 +77,14 @@ impl<'a> Printer<'a> {
     fn put_text(&mut self, entry: &Stamped<Entry>) {
         let line = &mut self.line;
         let mut time = Vec::new();
-        self.clock.put(&mut time, entry.time);
+        // What is printed without a time is not a line that the next delta counts from.
+        if !matches!(entry.value, Entry::Frame(_, Frame::Gap(_) | Frame::Notice(_))) {
+            self.clock.put(&mut time, entry.time);
+        }
         match &entry.value {
             Entry::Frame(bus, Frame::Can(frame)) => {
                 line.extend_from_slice(&time);
-                line.extend_from_slice(self.recording.buses[*bus].as_bytes());
+                line.extend_from_slice(self.buses[*bus].as_bytes());
                 line.push(b' ');
                 candump::put(line, frame);
                 if self.args.direction {
@@ -87,11 +93,11 @@ impl<'a> Printer<'a> {
                 line.push(b'\n');
             }
             Entry::Frame(bus, Frame::Serial(bytes)) => {
-                hex::put(line, &time, &self.recording.buses[*bus], bytes);
+                hex::put(line, &time, &self.buses[*bus], bytes);
             }
             Entry::Frame(bus, Frame::Gap(gap)) => {
                 line.extend_from_slice(b"# ");
-                line.extend_from_slice(gap_text(&self.recording.buses[*bus], gap).as_bytes());
+                line.extend_from_slice(gap_text(&self.buses[*bus], gap).as_bytes());
                 line.push(b'\n');
             }
             Entry::Frame(_, Frame::Notice(_)) => {}
@@ -99,10 +105,10 @@ impl<'a> Printer<'a> {
                 let segment = &self.recording.segments[*segment];
                 let topic = segment.channels.get(channel).map_or("?", |c| c.topic.as_str());
                 line.extend_from_slice(&time);
-                line.extend_from_slice(crate::text::printable(topic).as_bytes());
+                line.extend_from_slice(printable(topic).as_bytes());
                 line.push(b' ');
                 let value = self.messages.decode(segment, *channel, data);
-                line.extend_from_slice(value.to_string().as_bytes());
+                line.extend_from_slice(printable_json(&value.to_string()).as_bytes());
                 line.push(b'\n');
             }
         }

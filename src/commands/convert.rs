@@ -9,7 +9,7 @@ use super::{Ended, info, output};
 use crate::cli::ConvertArgs;
 use crate::frame::Stamped;
 use crate::record::{Segments, Split, Target};
-use crate::recording::container::{Attachment, ChannelDefinition, Facts, SchemaDefinition};
+use crate::recording::definition::{Attachment, ChannelDefinition, Facts, SchemaDefinition};
 use crate::recording::disk::RealDisk;
 use crate::recording::reader::{Entries, Entry, Recording};
 use crate::recording::segment::Segment;
@@ -29,12 +29,16 @@ pub fn run(args: &ConvertArgs) -> Result<Ended> {
     let (start, _) = recording.span().unwrap_or_default();
     let mut out = segments.open(start, &head(&recording)?)?;
     let mut entries = recording.entries(Recording::ALL, |_| true);
-    if let Err(error) = copy(&recording, &mut entries, &mut out.writer) {
+    let copied = copy(&recording, &mut entries, &mut out.writer)
+        .and_then(|()| out.writer.finish(summary(&recording)))
+        .and_then(|()| out.writer.sync());
+    if let Err(error) = copied {
+        // The original is still there; half of a copy is of no use to anybody.
         segments.discard(out);
         bail!("cannot write {}: {error}", args.output.display());
     }
     let damage = entries.damage().to_vec();
-    segments.finish(out, summary(&recording))?;
+    segments.name(out)?;
     let written = std::fs::metadata(&args.output)?.len();
     let before: u64 = recording.segments.iter().map(|s| s.size).sum();
     output::note(&format!("{}: {} (was {})", args.output.display(), size(written), size(before)));
@@ -89,9 +93,18 @@ fn head(recording: &Recording) -> Result<Head> {
         recording: about,
         clock: metadata("bustape.clock"),
         buses: buses.map(|name| (name.clone(), metadata(&format!("bustape.bus.{name}")))).collect(),
+        more: other_metadata(recording),
         attachments,
         time: recording.span().unwrap_or_default().0,
     })
+}
+
+/// Metadata that are not the recorder's own, each name once.
+fn other_metadata(recording: &Recording) -> Vec<(String, Facts)> {
+    let all = recording.segments.iter().flat_map(|segment| &segment.metadata);
+    let foreign = all.filter(|(name, _)| !name.starts_with("bustape."));
+    let once: BTreeMap<_, _> = foreign.map(|(n, f)| (n.clone(), f.clone())).collect();
+    once.into_iter().collect()
 }
 
 /// The books at the end, and which file said so.

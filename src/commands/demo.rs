@@ -123,10 +123,11 @@ impl Drop for Vcan {
 
 fn next_steps(files: &[std::path::PathBuf]) {
     let Some(file) = files.first().map(|file| file.display().to_string()) else { return };
-    println!();
-    println!("Next:");
-    println!("  bustape cat {file}        print the frames");
-    println!("  bustape info {file}       see this again");
-    println!("  Foxglove: \"Open local file\", choose {file}; add a Raw Messages panel");
-    println!("  on /station/raw and a Plot panel on /station/stats.rate");
+    // As it was called, so that the lines can be copied before anything is installed.
+    let bustape = std::env::args().next().unwrap_or_else(|| "bustape".to_owned());
+    println!("\nLook    {bustape} cat {file} | less");
+    println!("Plot    in Foxglove: Open local file, {file};");
+    println!("        add a Plot of /station/stats.rate and Raw Messages of /station/raw");
+    println!("Replay  {bustape} cat {file} -f station | canplayer vcan0=station");
+    println!("Export  {bustape} cat {file} --json > frames.jsonl");
 }

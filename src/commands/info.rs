@@ -12,7 +12,7 @@ use crate::frame::{Frame, Gap, Timestamp};
 use crate::record::{reason_name, unit_name};
 use crate::recording::reader::{Entry, Recording};
 use crate::recording::segment::{Ending, Segment};
-use crate::text::{duration, grouped, rfc3339, rfc3339_millis, size};
+use crate::text::{duration, grouped, printable_json, rfc3339, rfc3339_millis, size};
 
 /// Gaps shown before the rest is only counted.
 const GAPS_SHOWN: usize = 10;
@@ -21,7 +21,7 @@ const GAPS_SHOWN: usize = 10;
 pub fn run(args: &InfoArgs) -> Result<Ended> {
     let recording = Recording::open(&args.files)?;
     if args.json {
-        println!("{}", as_json(&recording));
+        println!("{}", printable_json(&as_json(&recording).to_string()));
     } else {
         print(&recording)?;
     }

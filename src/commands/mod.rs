@@ -3,9 +3,11 @@
 mod cat;
 mod convert;
 mod demo;
+mod explain;
 mod info;
 mod output;
 mod ports;
+mod protocols;
 mod record;
 mod status;
 
@@ -38,6 +40,8 @@ pub fn main() -> ExitCode {
         Command::Convert(args) => convert::run(&args),
         Command::Ports(args) => ports::run(&args),
         Command::Demo(args) => demo::run(&args),
+        Command::Explain(args) => explain::run(&args),
+        Command::Protocols(args) => protocols::run(&args),
     };
     match result {
         Ok(Ended::Well) => ExitCode::SUCCESS,

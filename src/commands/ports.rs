@@ -9,6 +9,7 @@ use super::{Ended, output};
 use crate::capture::serial::{PortInfo, serial_ports};
 use crate::capture::socketcan::{CanInterfaceInfo, can_interfaces};
 use crate::cli::PortsArgs;
+use crate::text::printable_json;
 
 /// Runs the command.
 pub fn run(args: &PortsArgs) -> Result<Ended> {
@@ -18,7 +19,8 @@ pub fn run(args: &PortsArgs) -> Result<Ended> {
     if args.json {
         let can: Vec<Value> = interfaces.iter().map(can_json).collect();
         let serial: Vec<Value> = ports.iter().map(port_json).collect();
-        writeln!(out, "{}", json!({ "can": can, "serial": serial }))?;
+        let all = json!({ "can": can, "serial": serial });
+        writeln!(out, "{}", printable_json(&all.to_string()))?;
     } else {
         print_interfaces(&mut out, &interfaces)?;
         print_ports(&mut out, &ports)?;

@@ -4,6 +4,8 @@
 //! a plain thread, takes from it and writes. Each bus has its [`Tally`], and at the end of every
 //! recording received = written + dropped.
 
+mod bus;
+mod inlet;
 mod progress;
 mod queue;
 mod recorder;
@@ -11,8 +13,10 @@ mod segments;
 mod tally;
 mod wire;
 
+pub use bus::RecordedBus;
+pub use inlet::{Allowance, Inlet};
 pub use progress::{Progress, State};
-pub use queue::{Allowance, BusIndex, Inlet, Item, Queue, weight};
-pub use recorder::{Outcome, Pace, RecordedBus, Recorder};
+pub use queue::{BusIndex, Item, Queue, weight};
+pub use recorder::{Outcome, Pace, Recorder};
 pub use segments::{Segment, SegmentError, Segments, Split, Target};
 pub use tally::{REASONS, Tally, Totals, reason_name, unit_name};

@@ -6,32 +6,22 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::bus::{RecordedBus, summary};
 use super::progress::Progress;
 use super::queue::{Item, Queue};
 use super::segments::{Segment, SegmentError, Segments, write_error};
-use super::tally::{REASONS, Tally, Totals, reason_name};
-use crate::capture::BusFacts;
+use super::tally::Totals;
 use crate::clock::{Step, Timeline};
 use crate::frame::{Frame, Gap, GapReason, Level, Notice, Stamped, Timestamp, Unit};
-use crate::recording::container::{Attachment, Facts};
-use crate::recording::schema::bustape::{BusStats, ClockSync};
+use crate::recording::definition::{Attachment, Facts};
+use crate::recording::schema::bustape::ClockSync;
 use crate::recording::writer::Head;
 
 /// Most items taken from the queue at once: bounds the memory beside the queue to some 400 KiB.
 const TAKE: usize = 4096;
+/// Most notices that wait for the first frame.
+const EARLY: usize = 1000;
 const SECOND: u64 = 1_000_000_000;
-
-/// A bus being recorded.
-pub struct RecordedBus {
-    /// The name the user gave it.
-    pub name: String,
-    /// Its address, as the user wrote it.
-    pub address: String,
-    /// What its source knows of it.
-    pub facts: BusFacts,
-    /// Its books.
-    pub tally: Arc<Tally>,
-}
 
 /// When things reach the disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -75,6 +65,8 @@ pub struct Recorder {
     last_stats: Timestamp,
     before: Vec<Totals>,
     segment_counts: Vec<u64>,
+    /// Notices from before the segment's first frame.
+    early: Vec<Item>,
 }
 
 impl Recorder {
@@ -102,6 +94,7 @@ impl Recorder {
             recording,
             attachments,
             progress,
+            early: Vec::new(),
             segment: None,
             error: None,
             last_sync: now,
@@ -120,7 +113,7 @@ impl Recorder {
         let mut items = Vec::with_capacity(TAKE);
         while self.queue.take(&mut items, TAKE, tick) {
             for item in items.drain(..) {
-                self.add(&item);
+                self.take(item);
             }
             self.on_tick();
         }
@@ -130,12 +123,33 @@ impl Recorder {
         Outcome { totals, files, error: self.error }
     }
 
-    fn add(&mut self, item: &Item) {
+    fn take(&mut self, item: Item) {
         let bus = usize::from(item.bus);
         if let Frame::Notice(notice) = &item.frame.value {
             let text = format!("{}: {}", self.buses[bus].name, notice.text);
             self.progress.notice(notice.level, text);
+            // The first time in a file is a frame's, so what sources say before that waits.
+            if !self.has_frames() && self.early.len() < EARLY {
+                self.early.push(item);
+                return;
+            }
         }
+        self.add(&item);
+        if !self.early.is_empty() && self.has_frames() {
+            self.add_early(item.frame.time);
+        }
+    }
+
+    /// Adds what has waited for the first frame, which came at `first`.
+    fn add_early(&mut self, first: Timestamp) {
+        for mut item in std::mem::take(&mut self.early) {
+            item.frame.time = item.frame.time.max(first);
+            self.add(&item);
+        }
+    }
+
+    fn add(&mut self, item: &Item) {
+        let bus = usize::from(item.bus);
         let Some(segment) = &mut self.segment else {
             let lost = super::queue::weight(&item.frame.value);
             self.buses[bus].tally.dropped(GapReason::Disk, lost);
@@ -153,8 +167,10 @@ impl Recorder {
 
     fn on_tick(&mut self) {
         let now = self.timeline.now();
-        for step in self.timeline.take_steps() {
-            self.add_step(&step);
+        if self.has_frames() {
+            for step in self.timeline.take_steps() {
+                self.add_step(&step, now);
+            }
         }
         if now.since(self.last_stats) >= SECOND && self.has_frames() {
             self.add_stats(now);
@@ -246,7 +262,7 @@ impl Recorder {
         }
     }
 
-    fn add_step(&mut self, step: &Step) {
+    fn add_step(&mut self, step: &Step, now: Timestamp) {
         let Some(segment) = &mut self.segment else { return };
         let milliseconds = step.nanos / 1_000_000;
         let text = format!(
@@ -257,9 +273,9 @@ impl Recorder {
             wall_ns: step.reading.wall,
             step_ns: step.nanos,
         };
-        segment.writer.add_clock(step.time, &sync).ok();
+        segment.writer.add_clock(now, &sync).ok();
         let notice = Notice { level: Level::Warning, text };
-        segment.writer.add_notice(step.time, "bustape", &notice).ok();
+        segment.writer.add_notice(now, "bustape", &notice).ok();
     }
 
     /// Once a second: the clocks and the books.
@@ -272,7 +288,7 @@ impl Recorder {
         let seconds = now.since(self.last_stats) as f64 / SECOND as f64;
         for (index, bus) in self.buses.iter().enumerate() {
             let totals = bus.tally.totals();
-            let stats = bus_stats(&totals, &self.before[index], seconds, &bus.facts);
+            let stats = bus.stats(&totals, &self.before[index], seconds);
             segment.writer.add_stats(index, now, &stats).ok();
             self.before[index] = totals;
         }
@@ -289,6 +305,7 @@ impl Recorder {
             recording,
             clock: self.clock_facts(),
             buses: self.buses.iter().map(RecordedBus::head).collect(),
+            more: Vec::new(),
             attachments: self.attachments.clone(),
             time: now,
         };
@@ -312,7 +329,7 @@ impl Recorder {
     fn next_segment(&mut self, now: Timestamp) {
         self.cut();
         let Some(full) = self.segment.take() else { return };
-        let summary = self.summary("split");
+        let summary = summary("split", &self.buses, &self.segment_counts);
         let finished = self.segments.finish(full, summary).and_then(|()| self.open_segment(now));
         if let Err(error) = finished {
             self.progress.notice(Level::Error, error.to_string());
@@ -325,66 +342,12 @@ impl Recorder {
         if self.has_frames() {
             self.add_stats(self.timeline.now());
         }
+        self.add_early(Timestamp(0));
         self.cut();
         let Some(segment) = self.segment.take() else { return };
-        let summary = self.summary(reason);
+        let summary = summary(reason, &self.buses, &self.segment_counts);
         if let Err(error) = self.segments.finish(segment, summary) {
             self.error = Some(error);
         }
-    }
-
-    /// `bustape.summary`: the books so far, and what of them is in this segment.
-    fn summary(&self, reason: &str) -> Facts {
-        let mut facts = Facts::from([("reason".to_owned(), reason.to_owned())]);
-        for (bus, in_segment) in self.buses.iter().zip(&self.segment_counts) {
-            let totals = bus.tally.totals();
-            let unit = super::tally::unit_name(bus.facts.unit.unwrap_or(Unit::Frames));
-            let mut put = |key: &str, value: String| {
-                facts.insert(format!("{}.{key}", bus.name), value);
-            };
-            put("unit", unit.to_owned());
-            put("received", totals.received.to_string());
-            put("written", totals.written.to_string());
-            put("dropped", totals.lost().to_string());
-            put("segment_written", in_segment.to_string());
-            put("outages", totals.outages.to_string());
-            for reason in REASONS {
-                if totals.lost_to(reason) > 0 {
-                    let key = format!("dropped.{}", reason_name(reason));
-                    put(&key, totals.lost_to(reason).to_string());
-                }
-            }
-        }
-        facts
-    }
-}
-
-impl RecordedBus {
-    fn head(&self) -> (String, Facts) {
-        let mut facts = self.facts.more.clone();
-        facts.insert("address".to_owned(), self.address.clone());
-        let rates = [("bitrate", self.facts.bitrate), ("data_bitrate", self.facts.data_bitrate)];
-        for (name, rate) in rates {
-            if let Some(rate) = rate {
-                facts.insert(name.to_owned(), rate.to_string());
-            }
-        }
-        (self.name.clone(), facts)
-    }
-}
-
-#[allow(clippy::cast_precision_loss, reason = "rates for people")]
-fn bus_stats(now: &Totals, before: &Totals, seconds: f64, facts: &BusFacts) -> BusStats {
-    let bits = now.bits - before.bits;
-    BusStats {
-        received: now.received,
-        written: now.written,
-        dropped_kernel_queue: now.lost_to(GapReason::KernelQueue),
-        dropped_recorder_queue: now.lost_to(GapReason::RecorderQueue),
-        dropped_overrun: now.lost_to(GapReason::Overrun),
-        dropped_adapter: now.lost_to(GapReason::Adapter),
-        dropped_disk: now.lost_to(GapReason::Disk),
-        rate: (now.received - before.received) as f64 / seconds,
-        load: facts.bitrate.map(|rate| bits as f64 / seconds / f64::from(rate)),
     }
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use crate::frame::Timestamp;
-use crate::recording::container::Facts;
+use crate::recording::definition::Facts;
 use crate::recording::disk::{Disk, folder_of};
 use crate::recording::writer::{Head, SegmentWriter, WriterOptions};
 use crate::text::compact_utc;
@@ -163,6 +163,12 @@ impl Segments {
             .finish(summary)
             .and_then(|()| segment.writer.sync())
             .map_err(|e| write_error(&part, &e))?;
+        self.name(segment)
+    }
+
+    /// Gives a segment whose end is written its name.
+    pub fn name(&mut self, segment: Segment) -> Result<(), SegmentError> {
+        let part = segment.part();
         self.disk.rename(&part, &segment.path).map_err(|e| {
             SegmentError(format!(
                 "cannot rename {} to {}: {e}; the recording is complete under the first name",

@@ -11,6 +11,10 @@ use crate::frame::{CAN_MAX_DATA, CanFlags, CanFrame, Stamped, Timestamp};
 /// Most frames a reader accepts in one batch: bounds what a damaged file can make it allocate.
 pub const MAX_FRAMES: usize = 65_536;
 
+/// Most frames a reader accepts in the batches of one chunk, some 120 MiB of them. A writer cuts its
+/// chunk long before.
+pub const MAX_IN_CHUNK: usize = 1 << 20;
+
 /// Slots of the table that finds a frame's kind; more than twice the frames of a batch.
 const SLOTS: usize = 4_096;
 /// Most frames in a batch that is being built.

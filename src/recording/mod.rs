@@ -4,6 +4,7 @@ pub mod can_batch;
 pub mod can_frame;
 pub mod chunk;
 pub mod container;
+pub mod definition;
 pub mod disk;
 pub mod message;
 pub mod reader;

@@ -1,6 +1,7 @@
 //! A recording, opened for reading: one or many segment files as one row of frames in time order.
 
 use std::ops::RangeInclusive;
+use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
 use mcap::records::op;
@@ -34,6 +35,17 @@ pub enum Entry {
     },
 }
 
+impl Entry {
+    /// The order of things at the same time: a batch cannot tell how its frames stood among the
+    /// messages around it, so that neither layout is read by where they stand.
+    fn rank(&self) -> (usize, bool) {
+        match self {
+            Self::Frame(bus, frame) => (*bus, !matches!(frame, Frame::Gap(_))),
+            Self::Message { .. } => (usize::MAX, true),
+        }
+    }
+}
+
 impl Recording {
     /// Opens files; a folder stands for all recordings in it.
     pub fn open(paths: &[PathBuf]) -> Result<Self, ReadError> {
@@ -43,7 +55,7 @@ impl Recording {
                 segments.push(Segment::open(&file)?);
             }
         }
-        segments.sort_by_key(|segment| segment.statistics.span.0);
+        segments.sort_by_key(started);
         let mut buses: Vec<String> = Vec::new();
         for name in segments.iter().flat_map(bus_names) {
             if !buses.contains(&name) {
@@ -177,9 +189,18 @@ impl Entries<'_> {
     fn take_chunk(&mut self, segment: usize, bytes: &[u8]) {
         // Kept in reverse, so that taking the next is a pop; the sort is stable, so reverse again.
         self.ready.reverse();
-        let mut consumed = 0;
+        let (mut consumed, before) = (0, self.ready.len());
         for Record { opcode, body } in records(bytes) {
             consumed += super::records::HEAD + body.len();
+            if self.ready.len() - before > can_batch::MAX_IN_CHUNK {
+                let path = self.recording.segments[segment].path.display();
+                self.damage.push(format!(
+                    "{path}: a chunk with more than {} frames: the rest is passed over",
+                    can_batch::MAX_IN_CHUNK
+                ));
+                consumed = bytes.len();
+                break;
+            }
             if opcode == op::MESSAGE && !self.take_message(segment, body) {
                 let path = self.recording.segments[segment].path.display();
                 self.damage.push(format!("{path}: a message could not be understood"));
@@ -189,7 +210,7 @@ impl Entries<'_> {
             let path = self.recording.segments[segment].path.display();
             self.damage.push(format!("{path}: a chunk ends in the middle of a record"));
         }
-        self.ready.sort_by_key(|entry| entry.time);
+        self.ready.sort_by_key(|entry| (entry.time, entry.value.rank()));
         self.ready.reverse();
     }
 
@@ -238,6 +259,13 @@ impl Iterator for Entries<'_> {
     }
 }
 
+/// When a segment begins: its first message, or, if it has none, when it was made.
+fn started(segment: &Segment) -> u64 {
+    let (first, _) = segment.statistics.span;
+    let made = || segment.fact("bustape.clock", "log_time_ns")?.parse().ok();
+    if first > 0 { first } else { made().unwrap_or(0) }
+}
+
 /// The bus names a segment mentions: in its metadata, in order, then in its channels.
 fn bus_names(segment: &Segment) -> Vec<String> {
     let ours = segment.metadata.keys().filter_map(|name| name.strip_prefix("bustape.bus."));
@@ -271,6 +299,18 @@ fn files_of(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
             path.display()
         )));
     }
+    // A recorder that was killed while it gave a file its name leaves the file under both.
+    files.retain(|file| !ends_with_part(file) || !is_same(file, &file.with_extension("")));
     files.sort();
     Ok(files)
+}
+
+fn ends_with_part(file: &Path) -> bool {
+    file.extension().is_some_and(|extension| extension == "part")
+}
+
+/// True if both names lead to one file.
+fn is_same(file: &Path, other: &Path) -> bool {
+    let identity = |path: &Path| path.metadata().ok().map(|about| (about.dev(), about.ino()));
+    identity(file).is_some_and(|found| Some(found) == identity(other))
 }

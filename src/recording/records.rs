@@ -6,7 +6,7 @@
 
 use mcap::records::op;
 
-use super::container::Facts;
+use super::definition::Facts;
 
 /// Opcode and length.
 pub const HEAD: usize = 9;

@@ -12,9 +12,10 @@ use std::path::{Path, PathBuf};
 
 use mcap::records::op;
 
-use super::container::Facts;
+use super::definition::Facts;
 use super::records::{
-    self, AttachmentIndex, Channel, ChunkHead, ChunkRef, HEAD, Record, Schema, Statistics, records,
+    self, AttachmentIndex, Channel, ChunkHead, ChunkRef, HEAD, Message, Record, Schema, Statistics,
+    records,
 };
 
 /// Largest record taken into memory, except a summary. Our own chunks are at most a few MiB.
@@ -124,6 +125,8 @@ impl Segment {
     fn take_summary(&mut self, bytes: &[u8]) -> bool {
         let mut complete = true;
         let mut has_statistics = false;
+        // Where metadata were read; a file that names one place a million times gets one look.
+        let mut facts = BTreeSet::new();
         for Record { opcode, body } in records(bytes) {
             complete &= match opcode {
                 op::SCHEMA | op::CHANNEL => self.take_definition(opcode, body),
@@ -141,13 +144,18 @@ impl Segment {
                     self.attachments.push(index);
                     inside
                 }),
-                op::METADATA_INDEX => records::metadata_index(body)
-                    .and_then(|(offset, length)| self.read_metadata(offset, length))
-                    .is_some(),
+                op::METADATA_INDEX => {
+                    records::metadata_index(body).is_some_and(|(offset, length)| {
+                        !facts.insert(offset) || self.read_metadata(offset, length).is_some()
+                    })
+                }
                 _ => true,
             };
         }
         complete &= has_statistics;
+        // Each chunk once, however often an index names it.
+        let mut seen = BTreeSet::new();
+        self.chunks.retain(|chunk| seen.insert(chunk.offset));
         if !complete {
             self.forget();
         }
@@ -185,21 +193,27 @@ impl Segment {
     /// Walks a file without a usable summary from record to record.
     fn scan(&mut self) -> io::Result<()> {
         let mut at = mcap::MAGIC.len() as u64;
-        let mut used = BTreeSet::new();
+        // Messages of the chunk before, by channel, as its index tells.
+        let mut counts = BTreeMap::new();
         while let Some((opcode, end)) = self.record_at(at)? {
             match opcode {
-                op::CHUNK => self.scan_chunk(at, end)?,
+                op::CHUNK => {
+                    self.add_counts(&std::mem::take(&mut counts));
+                    self.scan_chunk(at, end)?;
+                }
                 op::FOOTER | op::DATA_END => break,
                 op::MESSAGE_INDEX | op::METADATA | op::ATTACHMENT | op::SCHEMA | op::CHANNEL => {
                     let bytes = self.read_record(at, end - at)?;
-                    self.scan_record(at, &bytes, &mut used);
+                    self.scan_record(at, &bytes, &mut counts);
                 }
                 _ => {}
             }
             at = end;
         }
         self.ending = Ending::Cut { at, of: self.size };
-        self.find_definitions(&used);
+        // The index of the last chunk may be cut off, all of it or a part.
+        self.add_counts(&self.counts_of_last_chunk().unwrap_or(counts));
+        self.find_definitions();
         Ok(())
     }
 
@@ -232,17 +246,33 @@ impl Segment {
         Ok(())
     }
 
-    fn scan_record(&mut self, at: u64, bytes: &[u8], used: &mut BTreeSet<u16>) {
+    /// Enters the messages of the last chunk in the statistics and in the chunk itself.
+    fn add_counts(&mut self, counts: &BTreeMap<u16, u64>) {
+        for (&channel, count) in counts {
+            *self.statistics.channels.entry(channel).or_default() += count;
+            self.statistics.messages += count;
+            if let Some(chunk) = self.chunks.last_mut() {
+                chunk.channels |= records::channel_bit(channel);
+            }
+        }
+    }
+
+    fn counts_of_last_chunk(&self) -> Option<BTreeMap<u16, u64>> {
+        let mut records_of_chunk = Vec::new();
+        self.read_chunk(*self.chunks.last()?, &mut records_of_chunk).ok()?;
+        let mut counts = BTreeMap::new();
+        for record in records(&records_of_chunk).filter(|record| record.opcode == op::MESSAGE) {
+            *counts.entry(Message::of(record.body)?.channel).or_default() += 1;
+        }
+        Some(counts)
+    }
+
+    fn scan_record(&mut self, at: u64, bytes: &[u8], counts: &mut BTreeMap<u16, u64>) {
         let Some(Record { opcode, body }) = records(bytes).next() else { return };
         match opcode {
             op::MESSAGE_INDEX => {
                 if let Some((channel, count)) = records::message_index(body) {
-                    *self.statistics.channels.entry(channel).or_default() += count;
-                    self.statistics.messages += count;
-                    used.insert(channel);
-                    if let Some(chunk) = self.chunks.last_mut() {
-                        chunk.channels |= records::channel_bit(channel);
-                    }
+                    *counts.entry(channel).or_default() += count;
                 }
             }
             op::METADATA => {
@@ -261,7 +291,8 @@ impl Segment {
     }
 
     /// Looks into chunks until every channel that has messages is known.
-    fn find_definitions(&mut self, used: &BTreeSet<u16>) {
+    fn find_definitions(&mut self) {
+        let used: Vec<u16> = self.statistics.channels.keys().copied().collect();
         let mut records_of_chunk = Vec::new();
         for chunk in self.chunks.clone() {
             if used.iter().all(|id| self.channels.contains_key(id)) {

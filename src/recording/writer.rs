@@ -5,9 +5,10 @@
 
 use std::io;
 
-use super::can_batch::BatchBuilder;
+use super::can_batch::{self, BatchBuilder};
 use super::chunk::Chunk;
-use super::container::{Attachment, ChannelDefinition, Container, Facts, SchemaDefinition};
+use super::container::Container;
+use super::definition::{Attachment, ChannelDefinition, Facts, SchemaDefinition};
 use super::disk::OutputFile;
 use super::schema::{self, Schema, bustape};
 use super::{can_frame, message, wire};
@@ -71,6 +72,8 @@ pub struct Head {
     pub clock: Facts,
     /// The buses, in order; their facts become `bustape.bus.<name>`.
     pub buses: Vec<(String, Facts)>,
+    /// Any other metadata.
+    pub more: Vec<(String, Facts)>,
     /// Definitions and configuration, byte-exact.
     pub attachments: Vec<Attachment>,
     /// When the segment was started.
@@ -97,6 +100,8 @@ struct Bus {
     gaps: Option<u16>,
     stats: Option<u16>,
     batch: BatchBuilder,
+    /// Frames in batches of the open chunk.
+    batched: usize,
     pending: u64,
 }
 
@@ -118,6 +123,9 @@ impl SegmentWriter {
             container.metadata(&format!("bustape.bus.{name}"), facts.clone())?;
         }
         container.metadata("bustape.clock", head.clock.clone())?;
+        for (name, facts) in &head.more {
+            container.metadata(name, facts.clone())?;
+        }
         for attachment in &head.attachments {
             container.attachment(head.time.nanos(), attachment)?;
         }
@@ -286,14 +294,16 @@ impl SegmentWriter {
         let Some(first) = self.buses[bus].batch.first() else { return Ok(()) };
         let channel = self.raw_channel(bus, schema::CAN_BATCH)?;
         let (open, out) = self.chunk.begin(channel, first);
+        self.buses[bus].batched += self.buses[bus].batch.len();
         self.buses[bus].batch.finish(out);
         self.chunk.end(open);
         Ok(())
     }
 
-    /// True when the open chunk has grown to its size.
+    /// True when the open chunk has grown to its size, or holds as many frames as a reader takes.
     pub fn is_full(&self) -> bool {
-        self.chunk.len() >= self.options.chunk_bytes
+        let frames = || self.buses.iter().map(|bus| bus.batched).sum::<usize>();
+        self.chunk.len() >= self.options.chunk_bytes || frames() >= can_batch::MAX_IN_CHUNK / 2
     }
 
     /// Times of the earliest and latest thing that is not in the file yet.
@@ -307,6 +317,7 @@ impl SegmentWriter {
         for bus in 0..self.buses.len() {
             self.finish_batch(bus)?;
         }
+        self.buses.iter_mut().for_each(|bus| bus.batched = 0);
         self.span = None;
         self.container.write_chunk(&mut self.chunk)
     }
@@ -353,6 +364,7 @@ impl Bus {
             gaps: None,
             stats: None,
             batch: BatchBuilder::new(batch_frames),
+            batched: 0,
             pending: 0,
         }
     }

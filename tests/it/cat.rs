@@ -8,7 +8,7 @@ use bustape::frame::{
     CanFlags, CanFrame, Direction, Frame, Gap, GapReason, LineError, LineErrorKind, SerialBytes,
     Stamped, Timestamp, Unit,
 };
-use bustape::recording::container::Attachment;
+use bustape::recording::definition::Attachment;
 use bustape::recording::writer::Layout;
 use serde_json::{Value, json};
 
@@ -89,7 +89,7 @@ fn times_are_printed_in_four_styles_and_to_the_nanosecond() {
     both_layouts(|path| {
         let style = |options: &[&str]| {
             let text = cat(path, options);
-            times(&text)[..3].iter().map(|t| t.to_string()).collect::<Vec<_>>()
+            times(&text)[..3].iter().map(ToString::to_string).collect::<Vec<_>>()
         };
         assert_eq!(
             style(&["-t", "a"]),
@@ -238,7 +238,7 @@ fn nothing_in_a_file_can_drive_the_terminal() {
             (0, at(3 * SECOND + n, Frame::Can(CanFrame::new(1, CanFlags::default(), &[]))))
         }),
     );
-    make_with(&path, Layout::Frame, &head, &frames);
+    make_with(&path, Layout::Frame, &head, &frames, &[]);
     let mut part = std::fs::read(&path).unwrap();
     part.truncate(part.len() - 30);
     let cut = folder.path().join("cut\x1b[2J.mcap.part");

@@ -113,9 +113,10 @@ fn the_help_tells_the_default_and_the_unit_of_every_option() {
         let mut blocks: Vec<String> = Vec::new();
         for line in options.lines().take_while(|line| line.is_empty() || line.starts_with(' ')) {
             // Possible values stand deeper, each behind a dash.
-            match line.trim_start().starts_with('-') && !line.starts_with("        ") {
-                true => blocks.push(line.to_owned()),
-                false => blocks.last_mut().unwrap().push_str(line),
+            if line.trim_start().starts_with('-') && !line.starts_with("        ") {
+                blocks.push(line.to_owned());
+            } else {
+                blocks.last_mut().unwrap().push_str(line);
             }
         }
         assert!(blocks.len() > 1, "{text}");

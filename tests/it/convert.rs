@@ -116,8 +116,9 @@ fn expected(frames: &[(usize, Stamped<Frame>)], bus: usize) -> Vec<(u64, Raw)> {
 }
 
 /// Gaps travel on a topic of their own, so among equal times only the order of the rest is kept.
-fn apart(all: &[(u64, Raw)]) -> (Vec<&(u64, Raw)>, Vec<&(u64, Raw)>) {
-    all.iter().partition(|(_, raw)| matches!(raw, Raw::Gap(..)))
+fn apart(all: &[(u64, Raw)]) -> [Vec<&(u64, Raw)>; 2] {
+    let (gaps, rest) = all.iter().partition(|(_, raw)| matches!(raw, Raw::Gap(..)));
+    [gaps, rest]
 }
 
 fn read_back(path: &Path, bus: usize) -> Vec<(u64, Frame)> {
@@ -148,8 +149,8 @@ proptest! {
             let path = folder.path().join(layout.name());
             make(&path, layout, &BUSES, &frames);
             let file = mcap::finished(&path);
-            for bus in 0..BUSES.len() {
-                let (found, sent) = (messages::raw(&file, BUSES[bus]), expected(&frames, bus));
+            for (bus, name) in BUSES.into_iter().enumerate() {
+                let (found, sent) = (messages::raw(&file, name), expected(&frames, bus));
                 prop_assert_eq!(apart(&found), apart(&sent));
                 // And by our own reader.
                 let is_gap = |frame: &Frame| matches!(frame, Frame::Gap(_));
@@ -207,7 +208,7 @@ fn from_one_layout_to_the_other_and_back_nothing_changes() {
         assert!(cat(name) == cat("a"), "{name} is printed differently");
     }
     assert_eq!(batch.facts("bustape.recording")["layout"], "batch");
-    assert!(batch.on("/can0/raw").count() * 5 < original.on("/can0/raw").count());
+    assert!(batch.on("/can0/raw").count() * 2 < original.on("/can0/raw").count());
     // Message by message, not only in what they mean.
     let bytes =
         |file: &Mcap| file.on("/can0/raw").map(|m| (m.time, m.data.clone())).collect::<Vec<_>>();

@@ -2,16 +2,16 @@
 
 use std::io::Write as _;
 use std::os::unix::fs::PermissionsExt;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::record::{from_the_beginning, weight};
 use crate::support::bytes::noise;
 use crate::support::mcap::{self, Mcap};
 use crate::support::messages::{self, DISK};
-use crate::support::process::{BUSTAPE, Ran, args, bustape, spawn, start, start_injected};
-use crate::support::several;
+use crate::support::process::{BUSTAPE, Ran, Running, args, bustape, spawn, start, start_injected};
 use crate::support::terminal::open;
+use crate::support::{several, station, until};
 
 /// received = written + dropped, and what is called written is in the files.
 fn books(ran: &Ran, files: &[Mcap], bus: &str) -> (u64, u64) {
@@ -23,6 +23,15 @@ fn books(ran: &Ran, files: &[Mcap], bus: &str) -> (u64, u64) {
     assert_eq!(found, number("written"), "{books}");
     assert_eq!(books["dropped_by_reason"]["disk"].as_u64().unwrap_or(0), number("dropped"));
     (number("written"), number("dropped"))
+}
+
+/// Returns when there are frames in a file that is being written.
+fn until_it_goes_on_in(path: &Path) {
+    let part = PathBuf::from(format!("{}.part", path.display()));
+    until("frames in the next file", || {
+        let file = part.exists().then(|| mcap::cut(&part))?;
+        file.on("/hmi-can/raw").next().map(drop)
+    });
 }
 
 #[test]
@@ -47,17 +56,16 @@ fn when_a_write_fails_it_says_so_and_goes_on_in_a_new_file() {
                     &"--layout",
                     &layout,
                     &"--chunk-time",
-                    &"100ms",
-                    &"--duration",
-                    &"1500ms",
+                    &"50ms",
                 ]),
             );
-            let ran = running.wait().expect(1);
+            let next = folder.path().join(format!("{write}_0002.mcap"));
+            until_it_goes_on_in(&next);
+            let ran = running.stop().expect(1);
             let sentence = format!("cannot write {}: No space left on device", part.display());
             assert!(ran.err.contains(&format!("error: {sentence}")), "{}", ran.err);
             assert!(ran.err.contains("bustape convert"), "{}", ran.err);
             assert!(!path.exists());
-            let next = folder.path().join(format!("{write}_0002.mcap"));
             let files = [mcap::cut(&part), mcap::finished(&next)];
             assert_eq!(files[0].end, files[0].size);
             let (written, dropped) = books(&ran, &files, "hmi-can");
@@ -68,8 +76,8 @@ fn when_a_write_fails_it_says_so_and_goes_on_in_a_new_file() {
             assert_eq!(gaps.iter().map(|gap| gap.0).sum::<u64>(), dropped);
             assert!(gaps.iter().all(|gap| gap.1 == DISK));
             let before = messages::cans(&files[0], "hmi-can");
-            from_the_beginning(&before);
-            let station = crate::support::station().skip(before.len() + dropped as usize);
+            from_the_beginning(&files[0], &before);
+            let station = station(&files[0], "hmi-can").skip(before.len() + dropped as usize);
             for ((_, recorded), sent) in messages::cans(&files[1], "hmi-can").iter().zip(station) {
                 assert_eq!(*recorded, sent);
             }
@@ -106,21 +114,13 @@ fn a_failed_sync_ends_the_file_and_is_not_retried() {
     let running = start_injected(
         &["trace=fdatasync", "inject=fdatasync:error=EIO:when=3"],
         &[&part],
-        args(&[
-            &"record",
-            &"sim:hmi-can",
-            &"-o",
-            &path,
-            &"--json",
-            &"--sync",
-            &"200ms",
-            &"--duration",
-            &"1500ms",
-        ]),
+        args(&[&"record", &"sim:hmi-can", &"-o", &path, &"--json", &"--sync", &"200ms"]),
     );
-    let ran = running.wait().expect(1);
+    let next = folder.path().join("a_0002.mcap");
+    until_it_goes_on_in(&next);
+    let ran = running.stop().expect(1);
     assert!(ran.err.contains(&format!("cannot write {}", part.display())), "{}", ran.err);
-    let files = [mcap::cut(&part), mcap::finished(&folder.path().join("a_0002.mcap"))];
+    let files = [mcap::cut(&part), mcap::finished(&next)];
     books(&ran, &files, "hmi-can");
     assert!(!path.exists(), "a file that may not be on the disk must not look finished");
 }
@@ -151,17 +151,26 @@ cp "$1"/disk/* "$1/found/"
 exit $status
 "#;
 
+fn on_small_disk(script: &str, folder: &Path) -> Running {
+    for name in ["disk", "found"] {
+        std::fs::create_dir(folder.join(name)).unwrap();
+    }
+    // With a user namespace, nobody need be root for it.
+    let own = if nix::unistd::geteuid().is_root() { "-m" } else { "-rm" };
+    let mut trial = Command::new("unshare");
+    trial.args([own, "mount", "-t", "tmpfs", "none"]).arg(folder.join("disk"));
+    let why =
+        "a small disk needs the right to mount: run the tests as root, or allow user namespaces";
+    assert!(spawn(trial).wait().status.success(), "{why}");
+    let mut command = Command::new("unshare");
+    command.args([own, "sh", "-c", script, "sh"]).arg(folder).arg(BUSTAPE);
+    spawn(command)
+}
+
 #[test]
 fn on_a_full_disk_everything_that_is_called_written_can_be_read() {
     let folder = tempfile::tempdir().unwrap();
-    for name in ["disk", "found"] {
-        std::fs::create_dir(folder.path().join(name)).unwrap();
-    }
-    let mut command = Command::new("unshare");
-    // With a user namespace, nobody need be root for it.
-    command.args(if nix::unistd::geteuid().is_root() { "-m" } else { "-rm" }.split(' '));
-    command.args(["sh", "-c", SMALL_DISK, "sh"]).arg(folder.path()).arg(BUSTAPE);
-    let running = spawn(command);
+    let running = on_small_disk(SMALL_DISK, folder.path());
     let mut line = open(&folder.path().join("tty"));
     let sent = noise(5, 16 << 20);
     // Ends with an error when the recorder goes and its terminal with it.
@@ -188,14 +197,7 @@ fn on_a_full_disk_everything_that_is_called_written_can_be_read() {
 fn nothing_is_started_on_a_disk_that_is_nearly_full() {
     let folder = tempfile::tempdir().unwrap();
     let script = SMALL_DISK.replace("size=9m", "size=1m");
-    for name in ["disk", "found"] {
-        std::fs::create_dir(folder.path().join(name)).unwrap();
-    }
-    let mut command = Command::new("unshare");
-    command.args(if nix::unistd::geteuid().is_root() { "-m" } else { "-rm" }.split(' '));
-    let script = script.replace("cp ", "ls ");
-    command.args(["sh", "-c", &script, "sh"]).arg(folder.path()).arg(BUSTAPE);
-    let ran = spawn(command).wait();
+    let ran = on_small_disk(&script.replace("cp ", "ls "), folder.path()).wait();
     assert!(ran.err.contains("free there, at least"), "{ran:?}");
     assert!(!ran.out.contains("a.mcap"), "{ran:?}");
 }
@@ -233,7 +235,7 @@ fn a_file_that_appears_meanwhile_is_not_overwritten_either() {
     let folder = tempfile::tempdir().unwrap();
     let (path, part) = (folder.path().join("a.mcap"), folder.path().join("a.mcap.part"));
     let running = start(args(&[&"record", &"sim:hmi-can", &"-o", &path]));
-    crate::support::until("the file", || part.exists().then_some(()));
+    until("the file", || part.exists().then_some(()));
     std::fs::write(&path, "mine").unwrap();
     let ran = running.stop().expect(1);
     assert!(ran.err.contains("complete under the first name"), "{}", ran.err);

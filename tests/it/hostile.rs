@@ -8,7 +8,8 @@ use std::process::{Command, Output, Stdio};
 use bustape::frame::{
     CanFlags, CanFrame, Direction, Frame, Gap, GapReason, SerialBytes, Timestamp, Unit,
 };
-use bustape::recording::writer::Layout;
+use bustape::recording::definition::{ChannelDefinition, Facts, SchemaDefinition};
+use bustape::recording::writer::{Head, Layout, SegmentWriter, WriterOptions};
 
 use crate::support::bytes::{Random, noise};
 use crate::support::make::{START, at, make};
@@ -58,7 +59,7 @@ fn survives(which: usize, file: &Path, about: &str) -> Output {
     unsafe {
         command.pre_exec(|| {
             let limit = libc::rlimit { rlim_cur: MEMORY, rlim_max: MEMORY };
-            match libc::setrlimit(libc::RLIMIT_AS, &limit) {
+            match libc::setrlimit(libc::RLIMIT_AS, &raw const limit) {
                 0 => Ok(()),
                 _ => Err(std::io::Error::last_os_error()),
             }
@@ -86,13 +87,13 @@ fn a_file_cut_off_anywhere_is_read_up_to_there() {
         let (path, bytes) = sound(folder.path(), layout);
         let records: Vec<usize> = mcap::finished(&path).records.iter().map(|r| r.1).collect();
         // At each boundary, within each record's head, and in the middle of each record.
-        let middles = records.windows(2).map(|pair| (pair[0] + pair[1]) / 2);
+        let middles = records.windows(2).map(|pair| usize::midpoint(pair[0], pair[1]));
         let boundaries = records.iter().copied().chain([bytes.len()]);
         let mut ends: Vec<usize> = boundaries.flat_map(|at| [at, at - 1, at + 5]).collect();
         ends.extend(middles);
         ends.extend([0, 1, 7, 8, 9]);
         ends.retain(|end| *end < bytes.len());
-        ends.sort();
+        ends.sort_unstable();
         ends.dedup();
         several(ends.into_iter().enumerate().collect(), |(number, end)| {
             let file = folder.path().join(format!("{}-{end}.mcap", layout.name()));
@@ -187,9 +188,14 @@ fn what_is_no_recording_is_said_to_be_none() {
 fn a_chunk_that_unpacks_to_gigabytes_stops_at_the_limit() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("bomb.mcap");
-    let packed = zstd::bulk::compress(&vec![0; 256 << 20], 3).unwrap();
+    let mut packed = zstd::Encoder::new(Vec::new(), 1).unwrap();
+    let zeros = vec![0; 1 << 20];
+    for _ in 0..1500 {
+        packed.write_all(&zeros).unwrap();
+    }
+    let packed = packed.finish().unwrap();
     // What it says of its size: the truth, less than the truth, and nonsense.
-    for claimed in [256 << 20, 1 << 20, u64::MAX] {
+    for claimed in [1500 << 20, 1 << 20, 1 << 40, u64::MAX] {
         let mut body = Vec::new();
         for number in [START, START, claimed] {
             body.extend_from_slice(&u64::to_le_bytes(number));
@@ -211,5 +217,50 @@ fn a_chunk_that_unpacks_to_gigabytes_stops_at_the_limit() {
             let said = String::from_utf8(output.stderr).unwrap();
             assert!(which % 3 == 0 || output.status.code() == Some(3), "{said}");
         }
+    }
+}
+
+/// A batch of 65,536 empty frames in two bytes each.
+fn dense_batch() -> Vec<u8> {
+    let zeros = vec![0; 65_536];
+    let length = [0x80, 0x80, 0x04];
+    let mut batch = vec![0x08, 0x80, 0x80, 0x04, 0x10, 0x01];
+    for (field, data) in [(0x1A, &zeros), (0x2A, &zeros)] {
+        if field == 0x2A {
+            batch.extend_from_slice(&[0x22, 0x02, 0x08, 0x01]);
+        }
+        batch.push(field);
+        batch.extend_from_slice(&length);
+        batch.extend_from_slice(data);
+    }
+    batch
+}
+
+#[test]
+fn batches_of_millions_of_frames_stop_at_the_limit() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("dense.mcap");
+    let out = Box::new(std::fs::File::create_new(&path).unwrap());
+    let head = Head { buses: vec![("can0".to_owned(), Facts::new())], ..Head::default() };
+    let mut writer = SegmentWriter::create(out, WriterOptions::default(), &head).unwrap();
+    let data = bustape::recording::schema::CAN_BATCH.descriptor;
+    let channel = ChannelDefinition {
+        topic: "/can0/raw".to_owned(),
+        encoding: "protobuf".to_owned(),
+        schema: Some(SchemaDefinition { name: "bustape.CanBatch", encoding: "protobuf", data }),
+        metadata: Facts::from([("bus".to_owned(), "can0".to_owned())]),
+    };
+    let channel = writer.define(channel).unwrap();
+    // 64 MiB of them are 33 million frames, some 3.5 GiB when all are unpacked at once.
+    let batch = dense_batch();
+    for _ in 0..(64 << 20) / batch.len() - 1 {
+        writer.add_raw(channel, Timestamp(START), &batch);
+    }
+    writer.finish(Facts::new()).unwrap();
+    for which in [1, 4] {
+        let output = survives(which, &path, "dense batches");
+        assert_eq!(output.status.code(), Some(3));
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(said.contains("more than 1048576 frames"), "{said}");
     }
 }

@@ -6,6 +6,12 @@
 
 #![allow(
     unsafe_code,
+    clippy::type_complexity,
+    clippy::needless_range_loop,
+    clippy::borrow_as_ptr,
+    clippy::stable_sort_primitive,
+    clippy::format_collect,
+    clippy::case_sensitive_file_extension_comparisons,
     clippy::unwrap_used,
     clippy::expect_used,
     clippy::panic,

@@ -55,7 +55,8 @@ pub fn in_order(file: &Mcap, finished: bool) {
     let buses = rest.iter().take_while(|name| name.starts_with("bustape.bus.")).count();
     assert!(buses > 0, "{names:?}");
     let end = if finished { &["bustape.clock", "bustape.summary"][..] } else { &["bustape.clock"] };
-    assert_eq!(rest[buses..], *end, "{names:?}");
+    let ours = rest[buses..].iter().filter(|name| name.starts_with("bustape."));
+    assert_eq!(ours.copied().collect::<Vec<_>>(), *end, "{names:?}");
     // The head comes before the first chunk, the summary after the last.
     let places = |opcode| file.records.iter().filter(move |r| r.0 == opcode).map(|r| r.1);
     let last = |opcode| places(opcode).next_back();
@@ -77,8 +78,12 @@ pub fn in_order(file: &Mcap, finished: bool) {
 }
 
 /// The station's frames are the simulation's own, from its beginning, none missing, none twice.
-pub fn from_the_beginning(frames: &[(u64, CanFrame)]) {
-    for (number, ((_, recorded), sent)) in frames.iter().zip(station()).enumerate() {
+pub fn from_the_beginning(file: &Mcap, frames: &[(u64, CanFrame)]) {
+    if frames.is_empty() {
+        return;
+    }
+    let station = station(file, "hmi-can");
+    for (number, ((_, recorded), sent)) in frames.iter().zip(station).enumerate() {
         assert_eq!(*recorded, sent, "frame {number}");
     }
 }
@@ -106,7 +111,7 @@ fn a_recording_of_some_time_holds_everything_that_was_said_in_it() {
         assert_eq!(ran.json()["reason"], "duration");
         let frames = messages::cans(&file, "hmi-can");
         assert!(frames.len() > 20, "{} frames in 2.5 s", frames.len());
-        from_the_beginning(&frames);
+        from_the_beginning(&file, &frames);
         let (answers, questions) = messages::streams(&file, "zhongheng-09");
         assert!(!answers.is_empty() && !questions.is_empty());
         // What a kill can cost: with a chunk each 200 ms there are a dozen.
@@ -199,7 +204,7 @@ fn a_recording_of_so_many_frames_has_exactly_as_many() {
         assert_eq!(ran.json()["reason"], "count");
         let raw: usize = BUSES.iter().map(|bus| messages::raw(&file, bus).len()).sum();
         assert_eq!(raw, 57);
-        from_the_beginning(&messages::cans(&file, "hmi-can"));
+        from_the_beginning(&file, &messages::cans(&file, "hmi-can"));
     });
 }
 
@@ -230,7 +235,7 @@ fn every_way_to_stop_it_ends_with_a_finished_file() {
         let file = mcap::finished(&path);
         balanced(&ran, &file);
         in_order(&file, true);
-        from_the_beginning(&messages::cans(&file, "hmi-can"));
+        from_the_beginning(&file, &messages::cans(&file, "hmi-can"));
         assert!(!part.exists());
     });
 }

@@ -4,8 +4,12 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use bustape::frame::{CanFlags, CanFrame, Frame};
+use bustape::recording::writer::Layout;
+
 use crate::record::{from_the_beginning, in_order};
 use crate::support::bytes::noise;
+use crate::support::make::{START, at, head, make_with};
 use crate::support::mcap::{self, Mcap};
 use crate::support::messages;
 use crate::support::process::{args, bustape, start};
@@ -80,7 +84,7 @@ fn segments_by_time_are_each_whole_and_together_miss_nothing() {
         let frames: Vec<_> = files.iter().flat_map(|f| messages::cans(f, "hmi-can")).collect();
         assert_eq!(ran["buses"][0]["received"], frames.len());
         assert_eq!(ran["buses"][0]["written"], frames.len());
-        from_the_beginning(&frames);
+        from_the_beginning(&files[0], &frames);
         as_one(&folder, &paths, frames.len());
     });
 }
@@ -128,7 +132,8 @@ fn segments_by_size_share_out_a_serial_line_byte_by_byte() {
     let seen = names(&out);
     let open = seen.iter().filter(|name| name.ends_with(".mcap.part")).count();
     assert_eq!(open, 1, "{seen:?}");
-    assert!(seen.iter().all(|name| name.ends_with(".mcap") || name.ends_with(".mcap.part")));
+    let finished = seen.iter().map(|name| name.strip_suffix(".part").unwrap_or(name));
+    assert!(finished.into_iter().all(|name| name.strip_suffix("Z.mcap").is_some()), "{seen:?}");
     let info = bustape(args(&[&"info", &out])).expect(0);
     assert!(info.out.contains("NOT FINISHED") && info.err.contains("still running"), "{info:?}");
     until("every byte in the files", || {
@@ -168,7 +173,7 @@ fn with_one_output_file_the_number_stands_in_its_name() {
         &"--split-time",
         &"300ms",
         &"--duration",
-        &"1s",
+        &"1500ms",
     ]))
     .expect(0);
     let found = names(folder.path());
@@ -188,4 +193,19 @@ fn recordings_in_one_folder_are_numbered() {
         let found = names(folder.path());
         assert!(found[number - 1].starts_with(&format!("bustape_s{number:04}_0001_")), "{found:?}");
     }
+}
+
+#[test]
+fn the_final_totals_are_those_of_the_last_segment_even_if_nothing_is_in_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let frame = at(0, Frame::Can(CanFrame::new(1, CanFlags::default(), &[])));
+    for (number, written, frames) in [(1, "1", &[(0, frame)][..]), (2, "7", &[])] {
+        let mut head = head(&["can0"]);
+        // What can be known of a segment's time when it has no message.
+        head.clock.insert("log_time_ns".to_owned(), (START + number).to_string());
+        let path = folder.path().join(format!("{number}.mcap"));
+        make_with(&path, Layout::Frame, &head, frames, &[("can0.written", written)]);
+    }
+    let info = bustape(args(&[&"info", &"--json", &folder.path()])).expect(0).json();
+    assert_eq!(info["buses"][0]["totals"]["written"], "7");
 }

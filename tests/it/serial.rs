@@ -167,7 +167,8 @@ fn a_port_that_is_unplugged_leaves_a_gap_and_goes_on_when_it_is_back() {
     device.say(b"back");
     sent.extend(b"back");
     until_recorded(&part, "line", sent.len(), 0);
-    let ran = running.stop().expect(0);
+    // How much passed meanwhile nobody knows, but it was not nothing for certain.
+    let ran = running.stop().expect(3);
     let file = mcap::finished(&path);
     balanced(&ran, &file);
     assert!(messages::streams(&file, "line").0 == sent);

@@ -111,7 +111,7 @@ fn frames_that_a_slow_disk_costs_are_counted_and_placed_exactly() {
         let ran = running.wait().expect(3);
         let file = mcap::finished(&path);
         balanced(&ran, &file);
-        let mut station = station();
+        let mut station = station(&file, "can");
         let mut gaps = 0;
         for (_, raw) in messages::raw(&file, "can") {
             match raw {
@@ -153,5 +153,5 @@ fn a_slow_disk_costs_nothing_while_the_queue_has_room() {
     let ran = running.wait().expect(0);
     let file = mcap::finished(&path);
     balanced(&ran, &file);
-    crate::record::from_the_beginning(&messages::cans(&file, "hmi-can"));
+    crate::record::from_the_beginning(&file, &messages::cans(&file, "hmi-can"));
 }

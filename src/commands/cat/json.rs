@@ -10,7 +10,7 @@ use crate::frame::{CanFlags, CanFrame, Direction, Frame, SerialBytes, Stamped};
 use crate::record::{reason_name, unit_name};
 use crate::recording::reader::{Entry, Recording};
 use crate::recording::segment::Segment;
-use crate::text::rfc3339;
+use crate::text::{printable_json, rfc3339};
 
 /// Decodes messages of any schema that a recording holds.
 pub struct Messages<'a> {
@@ -80,7 +80,7 @@ pub fn put(
             })
         }
     };
-    out.extend_from_slice(value.to_string().as_bytes());
+    out.extend_from_slice(printable_json(&value.to_string()).as_bytes());
     out.push(b'\n');
 }
 

@@ -1,6 +1,6 @@
 //! What a recording says of its making.
 
-use crate::recording::container::Facts;
+use crate::recording::definition::Facts;
 
 /// What everybody will want to know about a file in a year.
 pub fn about() -> Facts {

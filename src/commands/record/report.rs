@@ -8,13 +8,13 @@ use serde_json::json;
 use super::Recorded;
 use crate::commands::{Ended, output};
 use crate::record::{REASONS, Totals, reason_name, unit_name};
-use crate::text::grouped;
+use crate::text::{grouped, printable, printable_json, size};
 
 /// Prints the books, and says how it went.
 pub fn report(recorded: &Recorded, as_json: bool) -> Result<Ended> {
     let mut out = output::stdout();
     if as_json {
-        writeln!(out, "{}", report_json(recorded))?;
+        writeln!(out, "{}", printable_json(&report_json(recorded).to_string()))?;
     } else {
         report_text(&mut out, recorded)?;
     }
@@ -54,7 +54,8 @@ fn report_text(out: &mut impl std::io::Write, recorded: &Recorded) -> Result<()>
     }
     for file in recorded.files() {
         let bytes = std::fs::metadata(file).map_or(0, |m| m.len());
-        writeln!(out, "{} ({})", file.display(), crate::text::size(bytes))?;
+        let name = printable(&file.display().to_string());
+        writeln!(out, "{name} ({})", size(bytes))?;
     }
     Ok(())
 }

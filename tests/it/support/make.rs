@@ -4,7 +4,7 @@ use std::fs::File;
 use std::path::Path;
 
 use bustape::frame::{Frame, Stamped, Timestamp};
-use bustape::recording::container::{Attachment, Facts};
+use bustape::recording::definition::{Attachment, Facts};
 use bustape::recording::schema::bustape::{BusStats, ClockSync};
 use bustape::recording::writer::{Head, Layout, SegmentWriter, WriterOptions};
 
@@ -25,6 +25,7 @@ pub fn head(buses: &[&str]) -> Head {
         recording: facts(&[("format", "1"), ("session", "1"), ("session_id", "of the test")]),
         clock: facts(&[("steady_ns", "42"), ("wall_ns", "1700000000000000000")]),
         buses: buses.collect(),
+        more: vec![("another.tool".to_owned(), facts(&[("kept", "yes")]))],
         attachments: vec![
             attachment("plant.dbc", b"VERSION \"\"\r\n\xE9\x00"),
             attachment("empty.txt", b""),
@@ -39,10 +40,17 @@ pub const SECOND: u64 = 1_000_000_000;
 
 /// Writes `frames` of `buses`, in chunks of a few, with clocks, statistics and notices between.
 pub fn make(path: &Path, layout: Layout, buses: &[&str], frames: &[(usize, Stamped<Frame>)]) {
-    make_with(path, layout, &head(buses), frames);
+    make_with(path, layout, &head(buses), frames, &[]);
 }
 
-pub fn make_with(path: &Path, layout: Layout, head: &Head, frames: &[(usize, Stamped<Frame>)]) {
+/// The same with another head, and with `more` in its summary.
+pub fn make_with(
+    path: &Path,
+    layout: Layout,
+    head: &Head,
+    frames: &[(usize, Stamped<Frame>)],
+    more: &[(&str, &str)],
+) {
     let file = File::create(path).expect("a new file");
     let options = WriterOptions { layout, batch_frames: 40, ..WriterOptions::default() };
     let mut writer = SegmentWriter::create(Box::new(file), options, head).expect("a head");
@@ -58,7 +66,8 @@ pub fn make_with(path: &Path, layout: Layout, head: &Head, frames: &[(usize, Sta
             writer.cut().expect("a chunk");
         }
     }
-    let summary = Facts::from([("reason".to_owned(), "made".to_owned())]);
+    let summary = [("reason", "made")].iter().chain(more);
+    let summary: Facts = summary.map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect();
     writer.finish(summary).expect("an end");
 }
 

@@ -12,7 +12,6 @@ use std::time::{Duration, Instant};
 
 use bustape::frame::CanFrame;
 use bustape::simulate::hmi_can::HmiCan;
-use bustape::simulate::source::DEMO_TIME_SCALE;
 
 /// How long anything may take before a test gives up. Nothing waits this long unless it is broken.
 pub const PATIENCE: Duration = Duration::from_secs(120);
@@ -29,9 +28,11 @@ pub fn until<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
     }
 }
 
-/// What `sim:hmi-can` says, from its beginning.
-pub fn station() -> impl Iterator<Item = CanFrame> {
-    HmiCan::new(1, DEMO_TIME_SCALE).map(|(_, frame)| frame)
+/// What the simulated station of a recording says, from its beginning.
+pub fn station(file: &mcap::Mcap, bus: &str) -> impl Iterator<Item = CanFrame> + use<> {
+    let facts = file.facts(&format!("bustape.bus.{bus}"));
+    let (seed, scale) = (facts["seed"].parse().unwrap(), facts["time_scale"].parse().unwrap());
+    HmiCan::new(seed, scale).map(|(_, frame)| frame)
 }
 
 /// Runs `work` for each item, a few at a time: most of them wait more than they work.
@@ -42,7 +43,7 @@ pub fn several<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync) ->
         let batch: Vec<T> = rest.drain(..rest.len().min(5)).collect();
         results.extend(std::thread::scope(|scope| {
             let running: Vec<_> = batch.into_iter().map(|i| scope.spawn(|| work(i))).collect();
-            let done = running.into_iter().map(|r| r.join());
+            let done = running.into_iter().map(std::thread::ScopedJoinHandle::join);
             done.map(|r| r.unwrap_or_else(|panic| std::panic::resume_unwind(panic)))
                 .collect::<Vec<R>>()
         }));

@@ -18,6 +18,10 @@ use crate::sys::wait::register;
 /// hand over more at once.
 pub(crate) const READ_BYTES: usize = 64 << 10;
 
+/// After a read of fewer bytes nothing is left: half the kernel's buffer for a line. When that
+/// buffer is full, more bytes wait behind it, and reading on is the sure way to get them.
+const FEW: usize = 2 << 10;
+
 /// An open port.
 pub(crate) struct Port {
     tty: AsyncFd<Tty>,
@@ -64,9 +68,9 @@ impl Port {
             let mut ready = self.tty.ready(Interest::READABLE).await?;
             let Ok(read) = ready.try_io(|tty| tty.get_ref().read(buffer)) else { continue };
             let length = read?;
-            if length < buffer.len() {
-                // That was all; what comes now is signalled anew. Saves a read that finds nothing
-                // after each that finds something.
+            if length < FEW {
+                // That was all, and what comes now is signalled anew: saves a read that finds
+                // nothing after each that finds something.
                 ready.clear_ready();
             }
             return if length == 0 { Err(hung_up()) } else { Ok(length) };

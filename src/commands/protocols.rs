@@ -1,5 +1,11 @@
 //! `bustape protocols`: the files that decoding goes by.
 
+mod can;
+mod layout;
+mod list;
+mod serial;
+mod show;
+
 use std::io::{Read as _, Write as _};
 use std::path::Path;
 
@@ -8,15 +14,96 @@ use serde_json::json;
 
 use super::{Ended, UsageError, output};
 use crate::cli::{CheckArgs, ProtocolsArgs, ProtocolsCommand};
-use crate::decode::dbc::{self, Oddity, Parsed};
+use crate::decode::dbc::{self, Database, Oddity, Parsed};
 use crate::decode::protocol::CanProtocol;
+use crate::protocol::{BUILT_IN, Protocol};
 use crate::text::{grouped, printable};
 
 /// Runs the command.
 pub fn run(args: &ProtocolsArgs) -> Result<Ended> {
     match &args.command {
         ProtocolsCommand::Check(args) => check(args),
+        ProtocolsCommand::List(args) => list::run(args),
+        ProtocolsCommand::Show(args) => show::run(args),
+        ProtocolsCommand::Layout(args) => layout::run(args),
     }
+}
+
+/// What a PROTOCOL of either kind defines.
+pub enum Definition {
+    /// A DBC file.
+    Can(Database),
+    /// A definition in TOML.
+    Serial(Box<Protocol>),
+}
+
+impl Definition {
+    fn kind(&self) -> &'static str {
+        match self {
+            Self::Can(_) => "can",
+            Self::Serial(_) => "serial",
+        }
+    }
+
+    fn title(&self) -> String {
+        match self {
+            Self::Can(database) => database.comment.clone(),
+            Self::Serial(protocol) => protocol.title.clone().unwrap_or_default(),
+        }
+    }
+
+    /// Messages and signals, or commands and fields.
+    fn counts(&self) -> (usize, usize) {
+        match self {
+            Self::Can(Database { messages, .. }) => {
+                (messages.len(), messages.iter().map(|message| message.signals.len()).sum())
+            }
+            Self::Serial(protocol) => {
+                let fields = protocol.commands.iter().map(|command| command.fields.fields.len());
+                (protocol.commands.len(), fields.sum())
+            }
+        }
+    }
+
+    /// What they are called.
+    fn words(&self) -> [&'static str; 2] {
+        match self {
+            Self::Can(_) => ["messages", "signals"],
+            Self::Serial(_) => ["commands", "fields"],
+        }
+    }
+}
+
+/// The definition a person means, of either kind.
+fn load_any(text: &str) -> Result<Definition> {
+    if let Some(protocol) = super::explain::serial::load(text)? {
+        return Ok(Definition::Serial(Box::new(protocol)));
+    }
+    let protocol = named(text)?;
+    let Parsed { database, oddities } = load(&protocol)?;
+    if oddities.lost() > 0 {
+        output::warning(&format!(
+            "{} things in it could not be loaded; \"bustape protocols check {text}\" lists them",
+            oddities.lost()
+        ));
+    }
+    Ok(Definition::Can(database))
+}
+
+/// The definition file, byte by byte.
+fn source(text: &str) -> Result<Vec<u8>> {
+    // Without settings, which no file name has behind its ending.
+    let name = text.split_once(':').map_or(text, |(name, _)| name);
+    if let Some((_, definition)) = BUILT_IN.iter().find(|(built_in, _)| *built_in == name) {
+        return Ok(definition.as_bytes().to_vec());
+    }
+    if Path::new(name).extension().is_some_and(|extension| extension == "toml") {
+        return read(Path::new(name));
+    }
+    Ok(match named(text)? {
+        CanProtocol::BuiltIn { text, .. } => text.as_bytes().to_vec(),
+        CanProtocol::File { path, .. } => read(&path)?,
+    })
 }
 
 /// The protocol a person means.

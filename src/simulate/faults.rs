@@ -60,6 +60,15 @@ impl<F: Copy> Rates<F> {
         Ok(true)
     }
 
+    /// The rate of one fault.
+    pub fn rate(&self, fault: F) -> f64
+    where
+        F: PartialEq,
+    {
+        let place = self.known.iter().position(|(_, known)| *known == fault);
+        place.and_then(|index| self.rates.get(index)).copied().unwrap_or(0.0)
+    }
+
     /// True if nothing ever goes wrong.
     pub fn is_none(&self) -> bool {
         self.rates.iter().all(|rate| *rate == 0.0)
@@ -103,8 +112,7 @@ mod tests {
         let rates = Rates::parse(KNOWN, "garbage=0.25,late=0.5").unwrap();
         assert_eq!(rates.to_string(), "late=0.5,garbage=0.25");
         let mut random = Random::new(1, 1);
-        let picked: String =
-            (0..10_000).map(|_| rates.pick(&mut random).unwrap_or('-')).collect();
+        let picked: String = (0..10_000).map(|_| rates.pick(&mut random).unwrap_or('-')).collect();
         for (fault, expected) in [('l', 5000), ('c', 0), ('g', 2500), ('-', 2500)] {
             let count = picked.matches(fault).count();
             assert!(count.abs_diff(expected) < 200, "{fault} {count} times");

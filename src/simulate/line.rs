@@ -116,7 +116,7 @@ impl Line {
     }
 
     /// Writes what fits of `bytes`; the rest is lost.
-    pub(super) fn write_now(&self, bytes: &[u8]) {
+    pub fn write_now(&self, bytes: &[u8]) {
         // Whoever listens in later wants what is said then.
         let _ = match &self.kept {
             Kept::Pty(pty, _) => pty.write(bytes),

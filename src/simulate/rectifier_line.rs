@@ -10,7 +10,8 @@ use std::time::Duration;
 use tokio::time::{Instant, sleep, sleep_until};
 
 use super::line::Line;
-use super::source::simulated;
+use super::source::{Life, simulated};
+use super::zhongheng::fault::LineFaults;
 use super::zhongheng::{BAUD, Master, Slave};
 use crate::capture::{BusFacts, CaptureError, Running, Source, Stop};
 use crate::frame::{Direction, Frame, SerialBytes, Unit};
@@ -74,16 +75,15 @@ fn nanos(start: Instant) -> u64 {
 pub struct SimulatedRectifier {
     master: Master,
     slave: Slave,
-    seed: u64,
-    time_scale: f64,
+    life: Life,
 }
 
 impl SimulatedRectifier {
-    /// The plant of `seed`, whose time runs `time_scale` times as fast as real time. The master
-    /// calls the general address 0 and the slave answers as 1, as in the document's examples.
-    pub fn new(seed: u64, time_scale: f64) -> Self {
-        let (master, slave) = (Master::new(seed, 0), Slave::new(1, seed, time_scale));
-        Self { master, slave, seed, time_scale }
+    /// The plant of one life. The master calls the general address 0 and the slave answers as 1,
+    /// as in the document's examples.
+    pub fn new(life: Life, faults: LineFaults) -> Self {
+        let slave = Slave::new(1, life.seed, life.time_scale).with_faults(faults);
+        Self { master: Master::new(life.seed, 0), slave, life }
     }
 
     async fn play(self, inlet: Inlet, mut stop: Stop) -> io::Result<()> {
@@ -109,7 +109,7 @@ impl SimulatedRectifier {
 
 impl Source for SimulatedRectifier {
     fn facts(&self) -> BusFacts {
-        let mut more = simulated(self.seed, self.time_scale);
+        let mut more = simulated(self.life);
         more.insert("settings".to_string(), format!("{BAUD},8N1"));
         BusFacts { unit: Some(Unit::Bytes), bitrate: Some(BAUD), data_bitrate: None, more }
     }
@@ -132,8 +132,8 @@ impl Source for SimulatedRectifier {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulate::source::DEMO_TIME_SCALE;
     use crate::simulate::source::tests::record;
+    use crate::simulate::zhongheng::fault::FAULTS;
     use crate::simulate::zhongheng::frame::{Deframer, Frame as LineFrame};
 
     fn frames(recorded: &[crate::frame::Stamped<Frame>], wanted: Direction) -> Vec<LineFrame> {
@@ -151,7 +151,8 @@ mod tests {
 
     #[test]
     fn both_directions_are_recorded_and_every_request_has_its_answer() {
-        let source = SimulatedRectifier::new(3, DEMO_TIME_SCALE);
+        let source =
+            SimulatedRectifier::new(Life { seed: 3, ..Life::default() }, LineFaults::none(FAULTS));
         assert_eq!(source.facts().more["settings"], "19200,8N1");
         // `--count` counts reads here: 36 of them are some four requests with their answers.
         let recorded = record(Box::new(source), 36);

@@ -30,5 +30,6 @@ mod kill;
 mod record;
 mod segments;
 mod serial;
+mod simulate;
 mod slow;
 mod support;

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use super::fault::{FAULTS, Fault, LineFaults, damage};
-use super::frame::{Control, Deframer, Escaping, Frame, link};
+use super::frame::{Deframer, Escaping, Frame, link};
 use super::layout::{Command, command};
 use super::plant::{POSITIONS, Plant};
 use crate::simulate::random::Random;
@@ -51,7 +51,7 @@ pub struct Slave {
     time_scale: f64,
     lived: u64,
     /// What was set, by CmdID.
-    settings: BTreeMap<u16, Vec<u8>>,
+    pub(super) settings: BTreeMap<u16, Vec<u8>>,
     last: Option<Done>,
     faults: LineFaults,
     /// Of the faults; a stream of its own, so that they do not change anything else.
@@ -109,8 +109,7 @@ impl Slave {
 
     /// How long it takes to answer: 5 to 30 ms, or longer than any master waits.
     pub fn think_time(&mut self) -> Duration {
-        let (from, to) =
-            if std::mem::take(&mut self.late) { (1.0, 2.0) } else { (0.005, 0.030) };
+        let (from, to) = if std::mem::take(&mut self.late) { (1.0, 2.0) } else { (0.005, 0.030) };
         Duration::from_secs_f64(self.random.between(from, to))
     }
 
@@ -153,8 +152,11 @@ impl Slave {
         }
         let (link, data) = self.respond(request)?;
         let answer = self.frame(request, link, data);
-        self.last = (link == link::SINGLE)
-            .then(|| Done { at: now, request: request.clone(), answer: answer.clone() });
+        self.last = (link == link::SINGLE).then(|| Done {
+            at: now,
+            request: request.clone(),
+            answer: answer.clone(),
+        });
         Some(answer)
     }
 

@@ -47,7 +47,10 @@ impl Definition {
 
     fn title(&self) -> String {
         match self {
-            Self::Can(database) => database.comment.clone(),
+            // The first sentence: a comment may be as long as the whole manual.
+            Self::Can(database) => {
+                database.comment.split(". ").next().unwrap_or_default().to_owned()
+            }
             Self::Serial(protocol) => protocol.title.clone().unwrap_or_default(),
         }
     }
@@ -161,7 +164,7 @@ fn check(args: &CheckArgs) -> Result<Ended> {
 }
 
 /// A definition of a serial protocol loads as a whole or not at all.
-fn check_serial(name: &str, protocol: &crate::protocol::Protocol, as_json: bool) -> Result<Ended> {
+fn check_serial(name: &str, protocol: &Protocol, as_json: bool) -> Result<Ended> {
     let commands = protocol.commands.len();
     let mut out = output::stdout();
     if as_json {

@@ -25,6 +25,7 @@ mod cat;
 mod cli;
 mod convert;
 mod disk;
+mod foxglove;
 mod hostile;
 mod kill;
 mod record;

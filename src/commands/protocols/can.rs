@@ -156,11 +156,7 @@ fn kind(signal: &Signal) -> &'static str {
 }
 
 fn scale(signal: &Signal) -> String {
-    match (signal.factor, signal.offset) {
-        (1.0, 0.0) => "-".to_owned(),
-        (factor, 0.0) => format!("x {factor}"),
-        (factor, offset) => format!("x {factor} + {offset}"),
-    }
+    super::show::scale(signal.factor, signal.offset)
 }
 
 /// Least and largest value, where the file says them.

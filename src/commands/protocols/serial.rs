@@ -5,7 +5,7 @@ use std::io::Write;
 use anyhow::Result;
 use serde_json::{Map, Value, json};
 
-use super::show::number;
+use super::show::{number, scale};
 use crate::commands::output;
 use crate::protocol::payload::{FieldPlan, Payload};
 use crate::protocol::word::Values;
@@ -63,13 +63,13 @@ fn fields(out: &mut impl Write, payload: &Payload) -> Result<()> {
             field.at.to_string(),
             field.name.to_string(),
             kind(field),
-            field.scale.map_or("-".to_owned(), |(factor, offset)| format!("x {factor} + {offset}")),
+            field.scale.map_or("-".to_owned(), |(factor, offset)| scale(factor, offset)),
             field.unit.as_deref().unwrap_or("-").to_owned(),
-            meanings(field.values.as_deref().or(field.flags.as_deref())),
             field.title.as_deref().unwrap_or_default().to_owned(),
+            meanings(field.values.as_deref().or(field.flags.as_deref())),
         ]
     });
-    let head = ["offset", "field", "type", "scale", "unit", "values", "title"];
+    let head = ["offset", "field", "type", "scale", "unit", "title", "values"];
     write!(out, "{}", output::table(&head, &[0], rows.collect()))?;
     Ok(())
 }

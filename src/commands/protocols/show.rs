@@ -64,3 +64,13 @@ pub fn number(text: &str) -> Option<u64> {
         None => text.parse().ok(),
     }
 }
+
+/// How a value is made of its raw number; `-` when it is that number.
+pub fn scale(factor: f64, offset: f64) -> String {
+    match offset {
+        0.0 if (factor - 1.0).abs() < f64::EPSILON => "-".to_owned(),
+        0.0 => format!("x {factor}"),
+        _ if offset < 0.0 => format!("x {factor} - {}", -offset),
+        _ => format!("x {factor} + {offset}"),
+    }
+}

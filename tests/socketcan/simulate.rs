@@ -75,12 +75,17 @@ fn controller() -> Result<(), Failed> {
     Ok(())
 }
 
-/// A controller on a serial line is an interface of the kind `can`.
+/// A CAN adapter on a serial line is an interface of the kind `can`. Its line here is that of the
+/// simulated rectifier, which takes no notice.
 fn refuses() -> Result<(), Failed> {
-    let path = "/tmp/bustape-slcan";
+    // slcand takes names below /dev only.
+    let path = "/dev/bustape-slcan";
     let mut adapter = start(&["simulate", "zhongheng-09", &format!("pty:{path}")]);
     wait_until("the line", || std::fs::exists(path).unwrap_or(false));
-    sh(&format!("slcand -o -s4 {path} adapter0"));
+    let mut slcand = Command::new("slcand")
+        .args(["-F", "-o", "-s4", "bustape-slcan", "adapter0"])
+        .stderr(Stdio::null())
+        .spawn()?;
     let here = || std::fs::exists("/sys/class/net/adapter0").unwrap_or(false);
     wait_until("the interface", here);
     sh("ip link set adapter0 up");
@@ -95,8 +100,9 @@ fn refuses() -> Result<(), Failed> {
     assert_eq!(bustape(&with_errors).status.code(), Some(2));
     assert_eq!(bustape(&named).status.code(), Some(0));
     assert!(sent_on("adapter0") > 0);
-    sh("pkill slcand; true");
-    adapter.kill()?;
-    adapter.wait()?;
+    for child in [&mut slcand, &mut adapter] {
+        child.kill()?;
+        child.wait()?;
+    }
     Ok(())
 }

@@ -125,7 +125,6 @@ impl Controller {
     fn serve(&mut self, asked: &Dialogue, data: &[u16], station: &Station) -> Vec<Delayed> {
         let whole = usize::from(asked.count) == data.len();
         let answer = match (asked.function, asked.address) {
-            (1 | 2 | 5 | 15, 1..=3) => Err(result::FUNCTION),
             (3 | 4 | 6 | 16, 1..=3) if asked.count == 0 || asked.count > MOST_REGISTERS => {
                 Err(result::VALUE)
             }

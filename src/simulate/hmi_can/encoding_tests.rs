@@ -43,7 +43,7 @@ fn data(station: &Station, device: u8, number: u8) -> Vec<u8> {
     let packets = GROUPS.iter().flat_map(|group| group.packets);
     let packet = packets.into_iter().find(|p| (p.device, p.number) == (device, number));
     let controls = Controls { volume: VOLUME, ..Controls::default() };
-    (packet.expect("no such packet").encode)(station, &controls)
+    (packet.expect("no such packet").encode)(station, controls)
 }
 
 /// A station at some moment, after `hours`.

@@ -196,7 +196,7 @@ impl HmiCan {
         let start = now + self.jitter();
         for packet in group.packets {
             let Packet { device, number, encode } = packet;
-            let data = encode(&self.station, &self.controller.controls);
+            let data = encode(&self.station, self.controller.controls);
             self.wire.put(start, Sender::Controller, frame(*device, 0, *number, &data));
         }
         // From the planned time, so that jitter does not add up.

@@ -135,7 +135,7 @@ impl Panel {
     /// `few` registers, and now and then as many as there can be.
     fn registers(&mut self, few: u16) -> u16 {
         self.dialogues += 1;
-        if self.dialogues % LONG == 0 { MOST_REGISTERS } else { few }
+        if self.dialogues.is_multiple_of(LONG) { MOST_REGISTERS } else { few }
     }
 }
 

@@ -27,10 +27,10 @@ pub struct Packet {
     /// SUB_PACK_ID.
     pub number: u8,
     /// The data, 1 to 8 bytes.
-    pub encode: fn(&Station, &Controls) -> Vec<u8>,
+    pub encode: fn(&Station, Controls) -> Vec<u8>,
 }
 
-const fn packet(device: u8, number: u8, encode: fn(&Station, &Controls) -> Vec<u8>) -> Packet {
+const fn packet(device: u8, number: u8, encode: fn(&Station, Controls) -> Vec<u8>) -> Packet {
     Packet { device, number, encode }
 }
 
@@ -158,7 +158,7 @@ fn battery_days(station: &Station) -> Vec<u8> {
         .concat()
 }
 
-fn charge_controller(station: &Station, controls: &Controls) -> Vec<u8> {
+fn charge_controller(station: &Station, controls: Controls) -> Vec<u8> {
     let solar = station.solar();
     let on = solar.connected();
     let flags =

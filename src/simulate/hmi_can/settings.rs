@@ -161,7 +161,7 @@ impl Settings {
                 self.starts = data.try_into().unwrap_or(self.starts);
             }
             (Kind::Degrees(most), _) => {
-                let angle = data.try_into().map(f64::from_le_bytes).unwrap_or(f64::NAN);
+                let angle = data.try_into().map_or(f64::NAN, f64::from_le_bytes);
                 let place =
                     if parameter == 0x1F { &mut self.latitude } else { &mut self.longitude };
                 *place = if (0.0..=most).contains(&angle) { angle } else { *place };

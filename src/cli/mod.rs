@@ -1,5 +1,8 @@
 //! Every command and option, defined and documented once.
 
+pub mod protocols;
+pub mod simulate;
+
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -22,7 +25,8 @@ pub struct Cli {
 
 const EXIT_CODES: &str = "\
 Results go to stdout, everything else to stderr.
-Exit status: 0 ok, 1 failed, 2 wrong usage, 3 finished but something was lost or skipped.";
+Exit status: 0 ok, 1 failed, 2 wrong usage, 3 finished but something was lost or skipped,
+4 refused to transmit.";
 
 /// The commands.
 #[derive(Debug, Subcommand)]
@@ -44,6 +48,8 @@ pub enum Command {
     Explain(ExplainArgs),
     /// Look at the files that decoding goes by
     Protocols(ProtocolsArgs),
+    /// Simulate a device for other programs to talk to
+    Simulate(simulate::SimulateArgs),
 }
 
 /// Addresses, for the help of every command that takes them.
@@ -62,7 +68,9 @@ Addresses ([NAME=]ADDRESS; without a name the last part of the address is the na
                                    a pty at PATH for the application, the real port behind it
   pty:PATH                         a new pseudo-terminal linked at PATH
   slcan:/dev/ttyACM0@500000        CAN adapter with the Lawicel ASCII protocol
-  sim:hmi-can, sim:zhongheng-09    simulated devices";
+  sim:hmi-can, sim:zhongheng-09    simulated devices; options with commas: seed=N, time-scale=X, and
+                                   the faults that \"bustape simulate\" has, as in
+                                   sim:zhongheng-09,seed=7,bad-crc=0.01";
 
 /// Options of `bustape record`.
 #[derive(Debug, Args)]
@@ -310,6 +318,12 @@ pub enum ProtocolsCommand {
 Exit status: 0 all of the file was loaded (oddities may have been read in a way that is said), 1 it
 cannot be used, 3 something in it could not be loaded.")]
     Check(CheckArgs),
+    /// List what is built in
+    List(protocols::ListArgs),
+    /// Show messages and signals, or commands and fields
+    Show(protocols::ShowArgs),
+    /// Print a layout for Foxglove or Lichtblick
+    Layout(protocols::LayoutArgs),
 }
 
 /// Options of `bustape protocols check`.

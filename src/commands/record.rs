@@ -28,7 +28,8 @@ use crate::record::{
 };
 use crate::recording::disk::RealDisk;
 use crate::sys::SystemClock;
-use watch::{Signals, Watch};
+pub use watch::Signals;
+use watch::Watch;
 
 /// Runs the command.
 pub fn run(args: &RecordArgs) -> Result<Ended> {

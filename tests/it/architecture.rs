@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// For each part what it may use: all that there is to know about where a change can have effects.
-const ARROWS: [(&str, &[&str]); 15] = [
+const ARROWS: [(&str, &[&str]); 16] = [
     ("frame", &[]),
     ("clock", &["frame"]),
     ("text", &["frame"]),
@@ -20,7 +20,9 @@ const ARROWS: [(&str, &[&str]); 15] = [
     ("decode", &["frame", "protocol"]),
     ("protocol", &["frame"]),
     ("address", &["capture", "simulate"]),
-    ("cli", &["text", "recording"]),
+    // Where something may be sent.
+    ("permit", &["sys"]),
+    ("cli", &["text", "recording", "simulate"]),
     (
         "commands",
         &[
@@ -30,6 +32,7 @@ const ARROWS: [(&str, &[&str]); 15] = [
             "clock",
             "decode",
             "frame",
+            "permit",
             "protocol",
             "record",
             "recording",

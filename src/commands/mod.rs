@@ -9,6 +9,7 @@ mod output;
 mod ports;
 mod protocols;
 mod record;
+mod recover;
 mod status;
 
 use std::process::ExitCode;
@@ -38,6 +39,7 @@ pub fn main() -> ExitCode {
         Command::Info(args) => info::run(&args),
         Command::Cat(args) => cat::run(&args),
         Command::Convert(args) => convert::run(&args),
+        Command::Recover(args) => recover::run(&args),
         Command::Ports(args) => ports::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Explain(args) => explain::run(&args),

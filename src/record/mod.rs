@@ -6,6 +6,7 @@
 
 mod bus;
 mod inlet;
+pub mod leftovers;
 mod progress;
 mod queue;
 mod recorder;

@@ -215,7 +215,8 @@ fn next_session(folder: &Path, prefix: &str) -> io::Result<u32> {
     Ok(last.saturating_add(1))
 }
 
-fn part_of(path: &Path) -> PathBuf {
+/// The name a file has while it is written.
+pub(super) fn part_of(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".part");
     name.into()

@@ -5,11 +5,12 @@
 
 use std::io;
 
-use super::can_batch::{self, BatchBuilder};
+use super::can_batch::BatchBuilder;
 use super::chunk::Chunk;
 use super::container::Container;
 use super::definition::{Attachment, ChannelDefinition, Facts, SchemaDefinition};
 use super::disk::OutputFile;
+use super::limits::MAX_CHUNK_FRAMES;
 use super::schema::{self, Schema, bustape};
 use super::{can_frame, message, wire};
 use crate::frame::{CanFrame, Frame, Gap, Notice, SerialBytes, Stamped, Timestamp};
@@ -303,7 +304,7 @@ impl SegmentWriter {
     /// True when the open chunk has grown to its size, or holds as many frames as a reader takes.
     pub fn is_full(&self) -> bool {
         let frames = || self.buses.iter().map(|bus| bus.batched).sum::<usize>();
-        self.chunk.len() >= self.options.chunk_bytes || frames() >= can_batch::MAX_IN_CHUNK / 2
+        self.chunk.len() >= self.options.chunk_bytes || frames() >= MAX_CHUNK_FRAMES / 2
     }
 
     /// Times of the earliest and latest thing that is not in the file yet.

@@ -5,11 +5,13 @@ mod convert;
 mod demo;
 mod explain;
 mod info;
+mod keep;
 mod output;
 mod ports;
 mod protocols;
 mod record;
 mod recover;
+mod retime;
 mod status;
 
 use std::process::ExitCode;
@@ -40,6 +42,8 @@ pub fn main() -> ExitCode {
         Command::Cat(args) => cat::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Recover(args) => recover::run(&args),
+        Command::Keep(args) => keep::run(&args),
+        Command::Retime(args) => retime::run(&args),
         Command::Ports(args) => ports::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Explain(args) => explain::run(&args),

@@ -27,6 +27,9 @@ use super::records::{AttachmentIndex, ChunkHead};
 /// How our own chunks are compressed.
 const COMPRESSION: &str = "zstd";
 
+/// Statistics, offsets, footer and the last metadata record: less than this.
+const END: u64 = 16 << 10;
+
 /// The file.
 pub struct Container {
     out: Box<dyn OutputFile>,
@@ -381,6 +384,13 @@ impl Container {
     /// Bytes in the file so far.
     pub fn position(&self) -> u64 {
         self.position
+    }
+
+    /// About as many bytes as the end of the file will take.
+    pub fn tail(&self) -> u64 {
+        let Groups { schemas, channels, chunks, attachments, metadata } = &self.groups;
+        let groups = [schemas, channels, chunks, attachments, metadata];
+        groups.iter().map(|group| group.len() as u64).sum::<u64>() + END
     }
 
     /// True after an error: the file stays as it is.

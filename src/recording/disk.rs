@@ -21,6 +21,9 @@ pub trait Disk: Send {
 
     /// Bytes that may still be written in a folder.
     fn free(&self, folder: &Path) -> io::Result<u64>;
+
+    /// Size of the disk that a folder is on, in bytes.
+    fn capacity(&self, folder: &Path) -> io::Result<u64>;
 }
 
 /// A file being written.
@@ -65,6 +68,11 @@ impl Disk for RealDisk {
     fn free(&self, folder: &Path) -> io::Result<u64> {
         let stat = nix::sys::statvfs::statvfs(folder)?;
         Ok(stat.blocks_available().saturating_mul(stat.fragment_size()))
+    }
+
+    fn capacity(&self, folder: &Path) -> io::Result<u64> {
+        let stat = nix::sys::statvfs::statvfs(folder)?;
+        Ok(stat.blocks().saturating_mul(stat.fragment_size()))
     }
 }
 

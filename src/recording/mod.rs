@@ -13,6 +13,7 @@ pub mod records;
 pub mod rewrite;
 pub mod schema;
 pub mod segment;
+pub mod shift;
 pub mod unpack;
 pub mod walk;
 pub mod wire;

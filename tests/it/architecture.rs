@@ -19,7 +19,7 @@ const ARROWS: [(&str, &[&str]); 15] = [
     ("decode", &["frame"]),
     ("protocol", &["frame"]),
     ("address", &["capture", "simulate"]),
-    ("cli", &["text", "recording"]),
+    ("cli", &["text", "record", "recording"]),
     (
         "commands",
         &[

@@ -130,12 +130,12 @@ pub struct RecordArgs {
     pub split_at: Option<Align>,
 
     /// With --dir: delete the oldest segments of NAME beyond this size together, e.g. 20GiB; at
-    /// least three times --split-size [default: no limit]
+    /// least 4MiB and three times --split-size [default: no limit]
     #[arg(long, value_name = "SIZE", value_parser = parse_keep_size, conflicts_with = "output")]
     pub keep_size: Option<u64>,
 
-    /// With --dir: delete segments of NAME that ended longer ago than this, e.g. 720h [default: no
-    /// limit]
+    /// With --dir: delete segments of NAME that ended longer ago than this, e.g. 90s, 720h
+    /// [default: no limit]
     #[arg(long, value_name = "TIME", value_parser = parse_nonzero_duration,
           conflicts_with = "output")]
     pub keep_time: Option<Duration>,

@@ -22,6 +22,8 @@ const WINDOW: usize = 1 << 20;
 const BLOCK: u64 = 4096;
 /// A search gives nothing away before the end of the head of a chunk or an attachment's name.
 const LOOK: u64 = 512;
+/// What looking at a place where a record might begin counts for, in bytes.
+const CANDIDATE: u64 = 256;
 /// Records that must follow one that has no checksum of its own.
 const CHAIN: usize = 3;
 
@@ -125,30 +127,34 @@ impl<'a> Walk<'a> {
         true
     }
 
-    /// True if the record at `at` proves itself.
+    /// True if the record at `at`, come upon in a search, proves itself.
     fn proves_itself(&mut self, opcode: u8, at: u64, length: u64) -> bool {
         let alone = matches!(opcode, op::CHUNK | op::ATTACHMENT);
-        if !alone && !self.followed(at + length, CHAIN) {
-            return false;
-        }
+        (alone || self.followed(at + length, CHAIN)) && self.has_shape(opcode, at, length)
+    }
+
+    /// True if a record's content is exactly as long as what is in it, and its checksum, if it has
+    /// one, is right.
+    fn has_shape(&mut self, opcode: u8, at: u64, length: u64) -> bool {
         // Its beginning is enough to see that most are none.
-        let start = self.bytes.get(at + HEAD as u64, LOOK.min(length - HEAD as u64));
-        if opcode == op::CHUNK && !may_be_chunk(&start, length - HEAD as u64) || length > MAX_RECORD
-        {
+        let content = length - HEAD as u64;
+        let start = self.bytes.get(at + HEAD as u64, LOOK.min(content));
+        if opcode == op::CHUNK && !may_be_chunk(&start, content) || length > MAX_RECORD {
             return false;
         }
         self.patience = self.patience.saturating_sub(length);
-        let body = self.bytes.get(at + HEAD as u64, length - HEAD as u64);
+        let body = self.bytes.get(at + HEAD as u64, content);
         match opcode {
             op::CHUNK => self.unpacks(&body),
             op::ATTACHMENT => AttachmentIndex::is_intact(&body) && body.len() > 32,
-            op::SCHEMA => Schema::of(&body).is_some_and(|s| s.id > 0 && !s.name.is_empty()),
-            op::CHANNEL => Channel::of(&body).is_some_and(|c| !c.topic.is_empty()),
+            op::SCHEMA => Schema::of(&body).is_some_and(|s| s.id > 0 && s.body() == body),
+            op::CHANNEL => Channel::of(&body).is_some_and(|c| c.body().len() == body.len()),
             op::METADATA => records::metadata(&body).is_some_and(|(name, _)| !name.is_empty()),
             op::MESSAGE_INDEX => records::message_index_entries(&body).is_some(),
             op::MESSAGE => body.len() >= 22,
             op::DATA_END => body.len() == 4,
             op::FOOTER => body.len() == 20,
+            op::HEADER => records::is_header(&body),
             // The summary is made anew.
             _ => false,
         }
@@ -177,6 +183,7 @@ impl<'a> Walk<'a> {
                 else {
                     continue;
                 };
+                self.patience = self.patience.saturating_sub(CANDIDATE);
                 if self.proves_itself(opcode, here, length) {
                     return Some(Piece::Record { opcode, at: here, length, searched: true });
                 }
@@ -216,8 +223,11 @@ impl Iterator for Walk<'_> {
         }
         let at = self.at;
         if let Some((opcode, length)) = self.bytes.head(at) {
-            // Behind a record that is whole, damage begins with the next one.
-            if self.followed(at + length, 1) || self.proves_itself(opcode, at, length) {
+            // Behind a record that is whole, damage begins with the next one; but of a message
+            // nothing shows that it is.
+            if self.followed(at + length, 1)
+                || opcode != op::MESSAGE && self.has_shape(opcode, at, length)
+            {
                 self.at = at + length;
                 return Some(Piece::Record { opcode, at, length, searched: false });
             }

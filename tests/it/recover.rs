@@ -83,7 +83,7 @@ fn after_a_kill_everything_readable_is_recovered_and_a_second_run_changes_nothin
         recover(&part, &copy).expect(if readable.end < readable.size { 3 } else { 0 });
         let file = mcap::finished(&copy);
         assert_eq!(file.messages, readable.messages, "moment {moment}");
-        in_order(&file, true);
+        in_order(&file, false);
         from_the_beginning(&file, &messages::cans(&file, "hmi-can"));
         assert_eq!(file.facts("bustape.recovery")["was_finished"], "false");
         assert!(std::fs::read(&part).unwrap() == before, "the original was touched");
@@ -262,11 +262,13 @@ fn files_of_other_writers_are_recovered_too() {
         bytes[half..half + 100].fill(0);
         bytes.truncate(most);
         std::fs::write(name("damaged"), &bytes).unwrap();
-        recover(&name("damaged"), &name("new")).expect(3);
+        let report = recover(&name("damaged"), &name("new")).expect(3);
         let new = peers::python_reads(&name("new"));
         assert!(new.messages.len() > 500, "{compression} {chunked}: {}", new.messages.len());
-        let mut all = sound.messages.iter();
-        assert!(new.messages.iter().all(|message| all.any(|other| other == message)));
+        // Where nothing vouches for a chunk, zeros may be in its messages.
+        let doubtful = report.json()["files"][0]["kept"]["unverified_messages"].as_u64().unwrap();
+        let wrong = new.messages.iter().filter(|message| !sound.messages.contains(message)).count();
+        assert!(wrong as u64 <= doubtful, "{compression} {chunked}: {wrong} of {doubtful}");
         recover(&name("new"), &name("again")).expect(0);
         let same = std::fs::read(name("new")).unwrap() == std::fs::read(name("again")).unwrap();
         assert!(same, "{compression} {chunked}");

@@ -139,7 +139,7 @@ fn segments(folder: &Path) -> Vec<(u32, Mcap)> {
 #[test]
 fn on_a_small_disk_a_ring_goes_on_for_ever_and_keeps_what_is_marked() {
     let folder = tempfile::tempdir().unwrap();
-    let script = DISK.replace("OPTIONS", "--when-full ring --min-free 4MiB");
+    let script = DISK.replace("OPTIONS", "--when-full ring --min-free 4MiB --queue 64MiB");
     let running = on_small_disk(&script, folder.path());
     let mut line = open(&folder.path().join("tty"));
     let sent = noise(5, 90 * MIB);
@@ -172,7 +172,8 @@ fn on_a_full_disk_it_stops_with_a_finished_file_and_every_byte_accounted_for() {
     let running = on_small_disk(&DISK.replace("OPTIONS", "--split-size 8MiB"), folder.path());
     let mut line = open(&folder.path().join("tty"));
     // Ends with an error when the recorder goes and its terminal with it.
-    let _ = line.write_all(&noise(5, 80 * MIB));
+    let sent = noise(5, 8 * MIB);
+    while line.write_all(&sent).is_ok() {}
     let ran = running.wait().expect(3);
     assert_eq!(ran.json()["reason"], "disk full");
     assert!(ran.err.contains("the disk of"), "{}", ran.err);

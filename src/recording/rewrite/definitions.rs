@@ -127,11 +127,11 @@ impl Definitions {
         schema && told((op::CHANNEL, channel.id))
     }
 
-    /// The channel, if it is known what it is.
-    pub fn channel(&self, id: u16) -> Option<Channel> {
+    /// A channel, if it is known what it is.
+    pub fn channel(&self, id: u16) -> Option<&Channel> {
         let channel = self.channels.get(&id).filter(|_| !self.ambiguous.contains(&id))?;
         let schema = channel.schema == 0 || self.schemas.contains_key(&channel.schema);
-        schema.then(|| channel.clone())
+        schema.then_some(channel)
     }
 
     /// The schema of a channel.

@@ -27,6 +27,7 @@ use super::records::{self, AttachmentIndex, Channel, ChunkHead, HEAD, Message, R
 use super::segment::{ReadError, Segment};
 use super::unpack::{Unpack, unpack};
 use super::walk::{Piece, Walk, body};
+use super::wire::Fields;
 use definitions::Definitions;
 
 /// zstd level of chunks that are made anew: that of a recording.
@@ -47,7 +48,7 @@ pub trait Change {
     /// Changes a time beside messages, such as that of an attachment.
     fn time(&self, nanos: u64) -> u64;
 
-    /// What the new file shall say of the change, as its last metadata record.
+    /// What the new file shall say of the change, in front of its summary.
     fn told(&self) -> (&'static str, Facts);
 }
 
@@ -60,9 +61,12 @@ pub struct Rewrite<'a> {
     definitions: Definitions,
     report: Report,
     unpacked: Vec<u8>,
+    /// A message while it is changed.
+    changed: Vec<u8>,
     /// How many metadata records `bustape.recovery` the file has.
     recoveries: usize,
     finished: bool,
+    change_told: bool,
     /// Nothing has told since the last search that messages here are more than they seem.
     doubtful: bool,
 }
@@ -90,8 +94,10 @@ impl<'a> Rewrite<'a> {
             definitions: Definitions::of(summary.as_ref()),
             report: Report::new(summary.as_ref()),
             unpacked: Vec::new(),
+            changed: Vec::new(),
             recoveries: 0,
             finished: false,
+            change_told: false,
             doubtful: false,
         };
         let mut next = first;
@@ -223,7 +229,8 @@ impl<'a> Rewrite<'a> {
             match opcode {
                 op::SCHEMA | op::CHANNEL => {}
                 op::MESSAGE => {
-                    let kept = self.add_message(body);
+                    let sound = !damaged || self.may_be_sound(body);
+                    let kept = if sound { self.add_message(body) } else { None };
                     self.report.of_chunk(kept);
                 }
                 _ if damaged => {}
@@ -233,19 +240,33 @@ impl<'a> Rewrite<'a> {
         self.flush()
     }
 
+    /// False where the payload of a message is not even of the shape that its channel has.
+    fn may_be_sound(&self, body: &[u8]) -> bool {
+        let Some(message) = Message::of(body) else { return false };
+        let channel = self.definitions.channel(message.channel);
+        if channel.is_none_or(|channel| channel.encoding != "protobuf") {
+            return true;
+        }
+        let mut fields = Fields::of(message.data);
+        fields.by_ref().for_each(drop);
+        fields.sound()
+    }
+
     /// Adds a message to the open chunk, with what it needs; `None` when nobody knows its channel.
     fn add_message(&mut self, body: &[u8]) -> Option<u64> {
         let message = Message::of(body)?;
-        let channel = self.definitions.channel(message.channel)?;
+        self.definitions.channel(message.channel)?;
         self.definitions.define(message.channel, &mut self.chunk, &mut self.out);
         let Some(change) = &mut self.change else {
             self.chunk.copy(message.channel, message.log_time, body);
             return Some(message.log_time);
         };
-        let mut body = body.to_vec();
-        change.message(&channel, self.definitions.schema(channel.schema), &mut body);
-        let time = Message::of(&body)?.log_time;
-        self.chunk.copy(message.channel, time, &body);
+        let channel = self.definitions.channel(message.channel)?;
+        self.changed.clear();
+        self.changed.extend_from_slice(body);
+        change.message(channel, self.definitions.schema(channel.schema), &mut self.changed);
+        let time = Message::of(&self.changed)?.log_time;
+        self.chunk.copy(message.channel, time, &self.changed);
         Some(time)
     }
 
@@ -272,6 +293,9 @@ impl<'a> Rewrite<'a> {
         };
         self.recoveries += usize::from(name.starts_with(RECOVERY));
         self.report.metadata += 1;
+        if name == SUMMARY {
+            self.tell_of_change()?;
+        }
         match &mut self.change {
             None => self.out.copy_metadata(record, &name),
             Some(change) => {
@@ -279,6 +303,16 @@ impl<'a> Rewrite<'a> {
                 self.out.metadata(&name, facts)
             }
         }
+    }
+
+    /// Writes what the new file shall say of the change, once.
+    fn tell_of_change(&mut self) -> io::Result<()> {
+        if let (Some(change), false) = (&self.change, self.change_told) {
+            self.change_told = true;
+            let (name, facts) = change.told();
+            self.out.metadata(name, facts)?;
+        }
+        Ok(())
     }
 
     fn take_attachment(&mut self, walk: &Walk<'_>, at: u64, length: u64) -> io::Result<()> {
@@ -333,15 +367,14 @@ impl<'a> Rewrite<'a> {
                 if number == 1 { RECOVERY.to_owned() } else { format!("{RECOVERY}.{number}") };
             self.out.metadata(&name, self.report.facts())?;
         }
-        if let Some(change) = &self.change {
-            let (name, facts) = change.told();
-            self.out.metadata(name, facts)?;
-        }
+        self.tell_of_change()?;
         self.out.finish()?;
         Ok((self.out, self.report))
     }
 }
 
+/// The last metadata record of a recording that was not cut off.
+const SUMMARY: &str = "bustape.summary";
 /// The metadata record that tells of a recovery.
 pub const RECOVERY: &str = "bustape.recovery";
 

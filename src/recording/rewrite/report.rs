@@ -77,11 +77,10 @@ struct Remade {
 impl Report {
     /// For a file whose summary, if it has a sound one, is this.
     pub(super) fn new(summary: Option<&Segment>) -> Self {
-        Self {
-            told: summary.map(|summary| summary.statistics.messages),
-            chunks: summary.map(|summary| summary.chunks.clone()).unwrap_or_default(),
-            ..Self::default()
-        }
+        let told = summary.map(|summary| summary.statistics.messages);
+        let mut chunks = summary.map(|summary| summary.chunks.clone()).unwrap_or_default();
+        chunks.sort_unstable_by_key(|chunk| chunk.offset);
+        Self { told, chunks, ..Self::default() }
     }
 
     /// True if everything in the file is in the new one.
@@ -141,7 +140,12 @@ impl Report {
 
     fn push(&mut self, mut lost: Lost) {
         self.lost_bytes += lost.to - lost.from;
-        let inside = self.chunks.iter().filter(|c| c.offset < lost.to && c.offset >= lost.from);
+        if self.lost.len() >= TOLD {
+            self.more_lost += 1;
+            return;
+        }
+        let first = self.chunks.partition_point(|chunk| chunk.offset < lost.from);
+        let inside = self.chunks[first..].iter().take_while(|chunk| chunk.offset < lost.to);
         let times = inside.fold(None, |span: Option<(u64, u64)>, chunk| {
             let (start, end) = span.unwrap_or((chunk.start, chunk.end));
             Some((start.min(chunk.start), end.max(chunk.end)))
@@ -149,11 +153,7 @@ impl Report {
         if let Some((start, end)) = times {
             (lost.after, lost.before) = (Some(start), Some(end));
         }
-        if self.lost.len() < TOLD {
-            self.lost.push(lost);
-        } else {
-            self.more_lost += 1;
-        }
+        self.lost.push(lost);
     }
 
     /// A message index of so many entries follows.

@@ -15,7 +15,7 @@ with open(out, "wb") as file:
     writer.start("some profile", library="some library")
     schema = writer.register_schema("a.Type", "jsonschema", b'{"type":"object"}')
     channels = [
-        writer.register_channel(f"/topic/{n}", "json", schema, {"n": str(n)}) for n in range(3)
+        writer.register_channel(f"/topic/{n}", "octets", schema, {"n": str(n)}) for n in range(3)
     ]
     writer.add_attachment(5, 6, "../evil name", "text/plain", b"attached " * 1000)
     writer.add_metadata("some metadata", {"key": "value"})

@@ -43,6 +43,9 @@ pub fn run(args: &RecoverArgs) -> Result<Ended> {
         }
     }
     out.flush()?;
+    for one in done.iter().filter(|one| !one.report.is_whole()) {
+        output::warning(&format!("{}: not all of it could be recovered", one.input.display()));
+    }
     let whole = done.iter().all(|one| one.report.is_whole());
     Ok(if whole { Ended::Well } else { Ended::WithLoss })
 }

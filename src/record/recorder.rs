@@ -177,6 +177,7 @@ impl Recorder {
         };
         if full {
             self.cut();
+            self.split_when_full(self.timeline.now(), false);
         }
     }
 
@@ -199,8 +200,12 @@ impl Recorder {
         if u128::from(now.since(self.last_sync)) >= self.pace.sync.as_nanos() {
             self.sync(now);
         }
-        let full = self.segment.as_ref().is_some_and(|s| self.segments.is_full(s, now));
         let asked = self.progress.take_split();
+        self.split_when_full(now, asked);
+    }
+
+    fn split_when_full(&mut self, now: Timestamp, asked: bool) {
+        let full = self.segment.as_ref().is_some_and(|s| self.segments.is_full(s, now));
         if (full || asked) && self.has_frames() {
             self.next_segment(now);
         }

@@ -148,9 +148,14 @@ impl Segments {
         for existing in [&path, &part] {
             if existing.symlink_metadata().is_ok() {
                 return Err(SegmentError(format!(
-                    "cannot create {}: {} exists and is not overwritten; choose another name",
+                    "cannot create {}: {} exists and is not overwritten; choose another name{}",
                     path.display(),
                     existing.display(),
+                    if *existing == part {
+                        ", or first finish it with \"bustape recover --in-place\""
+                    } else {
+                        ""
+                    },
                 )));
             }
         }

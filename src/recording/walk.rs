@@ -7,6 +7,7 @@
 //!
 //! Source: MCAP format specification, version 0.
 
+use std::collections::VecDeque;
 use std::fs::File;
 use std::os::unix::fs::FileExt as _;
 
@@ -57,8 +58,8 @@ pub struct Walk<'a> {
     at: u64,
     /// Bytes that may still be examined in searches.
     patience: u64,
-    /// The record that a search has found and that comes next.
-    found: Option<Piece>,
+    /// What was seen already and comes next.
+    ahead: VecDeque<Piece>,
     scratch: Vec<u8>,
 }
 
@@ -110,7 +111,7 @@ impl<'a> Walk<'a> {
         let magic = mcap::MAGIC.len() as u64;
         let at = if bytes.get(0, magic) == mcap::MAGIC { magic } else { 0 };
         let patience = size.saturating_mul(MAX_SEARCH_FACTOR).saturating_add(MIN_SEARCH);
-        Ok(Self { bytes, at, patience, found: None, scratch: Vec::new() })
+        Ok(Self { bytes, at, patience, ahead: VecDeque::new(), scratch: Vec::new() })
     }
 
     /// True if `at` is followed by what may be records, `count` of them or up to the end.
@@ -196,18 +197,33 @@ impl<'a> Walk<'a> {
         None
     }
 
-    fn search_after_damage(&mut self, from: u64) -> Piece {
-        let found = self.search(from + 1);
+    /// What is at `at`, where the walk cannot go on, and what comes next. A record there is only
+    /// what it seems if no other that proves itself begins inside of it: bytes may be missing from it.
+    fn look_ahead(&mut self, at: u64) {
+        let record = self.bytes.head(at).filter(|&(opcode, length)| {
+            // Of a message nothing shows that it is one.
+            opcode != op::MESSAGE && self.has_shape(opcode, at, length)
+        });
+        let checksum = matches!(record, Some((op::CHUNK | op::ATTACHMENT, _)));
+        let from = record.filter(|_| checksum).map_or(at + 1, |(_, length)| at + length);
+        let found = self.search(from);
+        let next = match found {
+            Some(Piece::Record { at, .. }) => at,
+            _ => self.bytes.size,
+        };
+        let mut damaged_from = at;
+        if let Some((opcode, length)) = record.filter(|(_, length)| at + length <= next) {
+            self.ahead.push_back(Piece::Record { opcode, at, length, searched: false });
+            damaged_from = at + length;
+        }
+        if damaged_from < next {
+            self.ahead.push_back(Piece::Damage { from: damaged_from, to: next });
+        }
+        self.ahead.extend(found);
         self.at = match found {
             Some(Piece::Record { at, length, .. }) => at + length,
             _ => self.bytes.size,
         };
-        let to = match found {
-            Some(Piece::Record { at, .. }) => at,
-            _ => self.bytes.size,
-        };
-        self.found = found;
-        Piece::Damage { from, to }
     }
 }
 
@@ -215,24 +231,17 @@ impl Iterator for Walk<'_> {
     type Item = Piece;
 
     fn next(&mut self) -> Option<Piece> {
-        if let Some(found) = self.found.take() {
-            return Some(found);
-        }
-        if self.bytes.is_end(self.at) {
-            return None;
-        }
         let at = self.at;
-        if let Some((opcode, length)) = self.bytes.head(at) {
-            // Behind a record that is whole, damage begins with the next one; but of a message
-            // nothing shows that it is.
-            if self.followed(at + length, 1)
-                || opcode != op::MESSAGE && self.has_shape(opcode, at, length)
-            {
-                self.at = at + length;
-                return Some(Piece::Record { opcode, at, length, searched: false });
+        if self.ahead.is_empty() && !self.bytes.is_end(at) {
+            match self.bytes.head(at) {
+                Some((opcode, length)) if self.followed(at + length, 1) => {
+                    self.at = at + length;
+                    return Some(Piece::Record { opcode, at, length, searched: false });
+                }
+                _ => self.look_ahead(at),
             }
         }
-        Some(self.search_after_damage(at))
+        self.ahead.pop_front()
     }
 }
 

@@ -251,7 +251,7 @@ fn files_of_other_writers_are_recovered_too() {
         spawn(command).wait().expect(0);
         recover(&name("sound"), &name("copy")).expect(0);
         let (sound, copy) =
-            (peers::python_reads(&name("sound")), peers::python_reads(&name("copy")));
+            (peers::python_streams(&name("sound")), peers::python_reads(&name("copy")));
         assert!(sound.messages.len() == 1000 && copy.messages == sound.messages, "{compression}");
         for key in ["profile", "library", "channels", "metadata", "attachments"] {
             assert_eq!(copy.file[key], sound.file[key], "{compression} {key}");

@@ -46,11 +46,11 @@ fn segment(path: &Path, layout: Layout, session: &str, steady: u64, steps: &[(u6
         let step = steps.iter().find(|(at, _)| *at == second).map_or(0, |(_, step)| *step);
         set += step;
         let sync = ClockSync {
-            steady_ns: (steady + second) * SECOND,
-            wall_ns: now.nanos().saturating_add_signed(set),
+            steady_ns: (steady + second) * SECOND + 1,
+            wall_ns: now.nanos().saturating_add_signed(set) + 1,
             step_ns: step,
         };
-        writer.add_clock(now, &sync).unwrap();
+        writer.add_clock(now.plus(1), &sync).unwrap();
         let notice = Notice { level: Level::Info, text: "something".to_owned() };
         writer.add_notice(now, "can0", &notice).unwrap();
         writer.cut().unwrap();

@@ -1,10 +1,18 @@
 //! Every command and option, defined and documented once.
 
+pub mod keep;
+pub mod recover;
+pub mod retime;
+
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+pub use self::keep::KeepArgs;
+pub use self::recover::RecoverArgs;
+pub use self::retime::RetimeArgs;
+use crate::record::{Align, WhenFull};
 use crate::recording::writer::Layout;
 use crate::text::{parse_duration, parse_size};
 
@@ -36,6 +44,12 @@ pub enum Command {
     /// Rewrite a recording: other layout, several segments into one, an unfinished file into a
     /// finished one
     Convert(ConvertArgs),
+    /// Make a sound recording of a damaged or unfinished one
+    Recover(RecoverArgs),
+    /// Put the times of a recording right, where the wall clock was set late
+    Retime(RetimeArgs),
+    /// Mark segments that a recorder must not delete
+    Keep(KeepArgs),
     /// List the CAN interfaces and serial ports of this machine
     Ports(PortsArgs),
     /// Record a simulated power station, without any hardware
@@ -109,6 +123,30 @@ pub struct RecordArgs {
     /// Begin a new file after this time, e.g. 1h [default: 1h with --dir, none with --output]
     #[arg(long, value_name = "TIME", value_parser = parse_nonzero_duration)]
     pub split_time: Option<Duration>,
+
+    /// Begin a new file at each full hour or day of UTC, instead of --split-time [default: none].
+    /// SIGUSR1 begins one at once
+    #[arg(long, value_name = "WHEN", value_enum, conflicts_with = "split_time")]
+    pub split_at: Option<Align>,
+
+    /// With --dir: delete the oldest segments of NAME beyond this size together, e.g. 20GiB; at
+    /// least 4MiB and three times --split-size [default: no limit]
+    #[arg(long, value_name = "SIZE", value_parser = parse_keep_size, conflicts_with = "output")]
+    pub keep_size: Option<u64>,
+
+    /// With --dir: delete segments of NAME that ended longer ago than this, e.g. 90s, 720h
+    /// [default: no limit]
+    #[arg(long, value_name = "TIME", value_parser = parse_nonzero_duration,
+          conflicts_with = "output")]
+    pub keep_time: Option<Duration>,
+
+    /// With --dir: what stays free on the disk, at least 1MiB
+    #[arg(long, value_name = "SIZE", default_value = "8MiB", value_parser = parse_min_free)]
+    pub min_free: u64,
+
+    /// With --dir: what to do when less than --min-free is free
+    #[arg(long, value_name = "POLICY", value_enum, default_value_t, conflicts_with = "output")]
+    pub when_full: WhenFull,
 
     /// Longest time until a frame is written to the file: what a kill of the recorder can cost
     #[arg(long, value_name = "TIME", default_value = "200ms", value_parser = parse_nonzero_duration)]
@@ -345,6 +383,24 @@ fn parse_split_size(text: &str) -> Result<u64, String> {
     let size = parse_size(text)?;
     if size < 64 << 10 {
         return Err(format!("{text} is too small; the least is 64KiB"));
+    }
+    Ok(size)
+}
+
+fn parse_keep_size(text: &str) -> Result<u64, String> {
+    let size = parse_size(text)?;
+    if size < 4 << 20 {
+        return Err(format!("{text} is too small; the least is 4MiB"));
+    }
+    Ok(size)
+}
+
+fn parse_min_free(text: &str) -> Result<u64, String> {
+    let size = parse_size(text)?;
+    if size < 1 << 20 {
+        return Err(format!(
+            "{text} is too small; the least is 1MiB, for the end of the open file"
+        ));
     }
     Ok(size)
 }

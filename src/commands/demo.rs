@@ -52,6 +52,7 @@ fn plan(args: &DemoArgs) -> Plan {
     Plan {
         target: Target::Folder(args.dir.clone(), "demo".to_owned()),
         split: Split::default(),
+        limits: None,
         writer: WriterOptions { layout: args.layout, ..WriterOptions::default() },
         pace: Pace::default(),
         queue: 16 << 20,

@@ -5,10 +5,13 @@ mod convert;
 mod demo;
 mod explain;
 mod info;
+mod keep;
 mod output;
 mod ports;
 mod protocols;
 mod record;
+mod recover;
+mod retime;
 mod status;
 
 use std::process::ExitCode;
@@ -38,6 +41,9 @@ pub fn main() -> ExitCode {
         Command::Info(args) => info::run(&args),
         Command::Cat(args) => cat::run(&args),
         Command::Convert(args) => convert::run(&args),
+        Command::Recover(args) => recover::run(&args),
+        Command::Keep(args) => keep::run(&args),
+        Command::Retime(args) => retime::run(&args),
         Command::Ports(args) => ports::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Explain(args) => explain::run(&args),

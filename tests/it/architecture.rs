@@ -20,7 +20,7 @@ const ARROWS: [(&str, &[&str]); 15] = [
     ("decode", &["frame", "protocol"]),
     ("protocol", &["frame"]),
     ("address", &["capture", "simulate"]),
-    ("cli", &["text", "recording"]),
+    ("cli", &["text", "record", "recording"]),
     (
         "commands",
         &[

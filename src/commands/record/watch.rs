@@ -51,7 +51,10 @@ impl Watch<'_> {
         tokio::pin!(end);
         loop {
             tokio::select! {
-                name = signals.next() => return name,
+                asked = signals.next() => match asked {
+                    Asked::Stop(name) => return name,
+                    Asked::Split => self.progress.split(),
+                },
                 () = &mut end => return "duration",
                 ended = sources.join_next() => match ended {
                     Some(ended) => self.note(ended),
@@ -64,6 +67,9 @@ impl Watch<'_> {
                     // A writer that panicked must not leave capture filling the queue for months.
                     if state.failed || self.writer.is_finished() {
                         return "write error";
+                    }
+                    if state.full {
+                        return "disk full";
                     }
                     let totals: Vec<Totals> = self.tallies.iter().map(|t| t.totals()).collect();
                     self.status.show(started, self.timeline.now(), &totals, &state);
@@ -96,29 +102,40 @@ pub fn tell(status: &mut StatusLine, notices: &[Notice]) {
     }
 }
 
-/// The three ways a person or the system says stop.
+/// The three ways a person or the system says stop, and the one to say: a new segment (SIGUSR1).
 pub struct Signals {
     interrupt: Signal,
+    split: Signal,
     terminate: Signal,
     hangup: Signal,
 }
 
 impl Signals {
-    /// Listens to all three from now on.
+    /// Listens to all of them from now on.
     pub fn new() -> Result<Self> {
         let listen = |kind| signal(kind).context("cannot listen to signals");
         Ok(Self {
+            split: listen(SignalKind::user_defined1())?,
             interrupt: listen(SignalKind::interrupt())?,
             terminate: listen(SignalKind::terminate())?,
             hangup: listen(SignalKind::hangup())?,
         })
     }
 
-    async fn next(&mut self) -> &'static str {
+    async fn next(&mut self) -> Asked {
         tokio::select! {
-            _ = self.interrupt.recv() => "SIGINT",
-            _ = self.terminate.recv() => "SIGTERM",
-            _ = self.hangup.recv() => "SIGHUP",
+            _ = self.interrupt.recv() => Asked::Stop("SIGINT"),
+            _ = self.terminate.recv() => Asked::Stop("SIGTERM"),
+            _ = self.hangup.recv() => Asked::Stop("SIGHUP"),
+            _ = self.split.recv() => Asked::Split,
         }
     }
+}
+
+/// What a signal asks for.
+enum Asked {
+    /// To end, and the signal's name.
+    Stop(&'static str),
+    /// A new segment.
+    Split,
 }

@@ -2,6 +2,8 @@
 
 mod cat;
 mod convert;
+mod decode;
+mod definitions;
 mod demo;
 mod explain;
 mod info;
@@ -9,6 +11,7 @@ mod output;
 mod ports;
 mod protocols;
 mod record;
+mod rewrite;
 mod status;
 
 use std::process::ExitCode;
@@ -38,6 +41,7 @@ pub fn main() -> ExitCode {
         Command::Info(args) => info::run(&args),
         Command::Cat(args) => cat::run(&args),
         Command::Convert(args) => convert::run(&args),
+        Command::Decode(args) => decode::run(&args),
         Command::Ports(args) => ports::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Explain(args) => explain::run(&args),

@@ -165,6 +165,20 @@ impl Stream {
         self.stopped.as_deref()
     }
 
+    /// Adds what was decoded to `bustape.summary`.
+    pub fn sum_up(&self, summary: &mut Facts) {
+        let Counts { messages, unknown, invalid } = self.counts;
+        let mut put = |key: &str, value: String| {
+            summary.insert(format!("{}.{key}", self.names.bus), value);
+        };
+        put("decoded", messages.to_string());
+        put("unknown", unknown.to_string());
+        put("invalid", invalid.to_string());
+        if let Some(why) = &self.stopped {
+            put("decode_error", why.clone());
+        }
+    }
+
     /// A new segment begins, with no channels in it.
     pub fn new_segment(&mut self) {
         self.ids.clear();

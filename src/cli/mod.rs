@@ -68,7 +68,14 @@ Addresses ([NAME=]ADDRESS; without a name the last part of the address is the na
                                    a pty at PATH for the application, the real port behind it
   pty:PATH                         a new pseudo-terminal linked at PATH
   slcan:/dev/ttyACM0@500000        CAN adapter with the Lawicel ASCII protocol
-  sim:hmi-can, sim:zhongheng-09    simulated devices";
+  sim:hmi-can, sim:zhongheng-09    simulated devices
+
+PROTOCOL:
+  hmi-can, zhongheng-09            built in
+  FILE.dbc                         messages of a CAN bus; FILE.dbc:j1939 to recognise 29-bit
+                                   identifiers by their J1939 parameter group number
+  FILE.toml                        a protocol of docs/protocols.md or docs/protocols-serial.md;
+                                   settings behind a colon: zhongheng-09:byte_order=little";
 
 /// Options of `bustape record`.
 #[derive(Debug, Args)]
@@ -78,6 +85,10 @@ pub struct RecordArgs {
     /// What to record, see below
     #[arg(required = true, value_name = "BUS")]
     pub buses: Vec<String>,
+
+    /// Write what the frames of this bus mean as decoded channels, too; once for each bus
+    #[arg(long, value_name = "BUS=PROTOCOL")]
+    pub decode: Vec<String>,
 
     /// Record into this file (FILE.part until it is finished); an existing file is never
     /// overwritten. For days use --dir: the index of one long file takes some 40 MiB of memory a

@@ -13,9 +13,10 @@ use super::stream::{Decode, Out};
 use crate::decode::assembly::Assembled;
 use crate::decode::bus::{CanBus, CanItem};
 use crate::decode::dbc::{Message, Signal};
-use crate::decode::definition::{CanDefinition, RemoteMessage};
+use crate::decode::can::{Match, Value};
+use crate::decode::definition::{CanDefinition, Event, RemoteMessage};
 use crate::decode::j1939::Identifier;
-use crate::frame::{CanFlags, CanFrame, Frame, Stamped, Timestamp};
+use crate::frame::{CanFlags, CanFrame, Frame, Notice, Stamped, Timestamp};
 
 /// Names of our own channels of a bus, which no message may take.
 const OURS: [&str; 4] = ["raw", "gaps", "stats", "frames"];
@@ -129,7 +130,11 @@ impl Messages {
             CanItem::Message(found) => {
                 let Some(encoder) = self.encoders.get(found.index) else { return Ok(()) };
                 let define = || self.message(found.index);
-                out.add(found.index, time, define, |bytes| encoder.encode(found, frame, bytes))
+                out.add(found.index, time, define, |bytes| encoder.encode(found, frame, bytes))?;
+                match self.definition.event(found.index) {
+                    Some(event) => log_event(event, found, time, frame, out),
+                    None => Ok(()),
+                }
             }
             CanItem::Remote(remote) => self.write_remote(remote, time, frame, out),
             CanItem::Unknown => {
@@ -204,6 +209,35 @@ impl Messages {
         let taken = OURS.contains(&name.as_str());
         Some((if taken { format!("{name}_") } else { name.clone() }, made))
     }
+}
+
+/// Writes an event to the log: its name, and what its signals say.
+#[cold]
+fn log_event(
+    event: &Event,
+    found: &Match<'_>,
+    time: Timestamp,
+    frame: &CanFrame,
+    out: &mut Out<'_>,
+) -> io::Result<()> {
+    let mut said = Vec::new();
+    found.decode(frame, |reading| {
+        let Some(signal) = found.message.signals.get(reading.signal) else { return };
+        let number = match reading.value {
+            Value::Unsigned(number) => number.to_string(),
+            Value::Signed(number) => number.to_string(),
+            Value::Float(number) => number.to_string(),
+        };
+        let gap = if signal.unit.is_empty() { "" } else { " " };
+        let label = signal.label(reading.raw).map_or(String::new(), |text| format!(" ({text})"));
+        said.push(format!("{} {number}{gap}{}{label}", signal.name, signal.unit));
+    });
+    let name = &found.message.name;
+    let mut text = event.text.clone().unwrap_or_else(|| name.clone());
+    if !said.is_empty() {
+        text = format!("{text}: {}", said.join(", "));
+    }
+    out.log(time, name, &Notice { level: event.level, text })
 }
 
 fn say_id(made: &mut Schema, id: u32, extended: bool) {

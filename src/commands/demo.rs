@@ -130,7 +130,8 @@ fn next_steps(files: &[std::path::PathBuf]) {
     let bustape = std::env::args().next().unwrap_or_else(|| "bustape".to_owned());
     println!("\nLook    {bustape} cat {file} | less");
     println!("Plot    in Foxglove: Open local file, {file};");
-    println!("        add a Plot of /station/stats.rate and Raw Messages of /station/raw");
+    println!("        add a Plot of /station/BATMON_2.voltage, State Transitions of");
+    println!("        /station/INV1_1.mode_label and the Log");
     println!("Replay  {bustape} cat {file} -f station | canplayer vcan0=station");
     println!("Export  {bustape} cat {file} --json > frames.jsonl");
 }

@@ -58,7 +58,14 @@ impl Encoder {
     }
 
     /// Puts a value, and in its twin at `twin` what the value itself cannot show.
-    pub fn value(&self, at: usize, twin: usize, plan: &FieldPlan, value: &Value, out: &mut Vec<u8>) {
+    pub fn value(
+        &self,
+        at: usize,
+        twin: usize,
+        plan: &FieldPlan,
+        value: &Value,
+        out: &mut Vec<u8>,
+    ) {
         let Some((number, _)) = self.number(at) else { return };
         let kind = self.shape.fields.get(at).map(|field| &field.kind);
         match (value, plan.scale) {

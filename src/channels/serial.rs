@@ -278,7 +278,9 @@ fn why(cut: &Cut) -> (String, u64) {
         Cut::BadLength { bytes: count } => {
             (format!("a frame with an impossible length ({count} bytes of it)"), bytes(count))
         }
-        Cut::TooLong { bytes } => (format!("a frame longer than any can be: {bytes} bytes"), *bytes),
+        Cut::TooLong { bytes } => {
+            (format!("a frame longer than any can be: {bytes} bytes"), *bytes)
+        }
         Cut::BadEncoding { bytes: count } => {
             (format!("{count} bytes that are not COBS"), bytes(count))
         }

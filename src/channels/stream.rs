@@ -94,11 +94,7 @@ impl Out<'_> {
         let id = self.writer.define(ChannelDefinition {
             topic: format!("/{}/{topic}", self.names.bus),
             encoding: "protobuf".to_owned(),
-            schema: Some(SchemaDefinition {
-                name: &name,
-                encoding: "protobuf",
-                data: &descriptor,
-            }),
+            schema: Some(SchemaDefinition { name: &name, encoding: "protobuf", data: &descriptor }),
             metadata,
         })?;
         if self.ids.len() <= channel {
@@ -133,6 +129,12 @@ impl Stream {
         let names = Names { bus: bus.to_owned(), protocol: definition.protocol.clone() };
         let facts = definition.facts();
         Self::with(names, facts, definition.decoder())
+    }
+
+    #[cfg(test)]
+    pub(super) fn of(bus: &str, protocol: &str, decoder: Box<dyn Decode>) -> Self {
+        let names = Names { bus: bus.to_owned(), protocol: protocol.to_owned() };
+        Self::with(names, Facts::new(), decoder)
     }
 
     fn with(names: Names, facts: Facts, decoder: Box<dyn Decode>) -> Self {

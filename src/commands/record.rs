@@ -103,11 +103,7 @@ impl Recorded {
 }
 
 /// Records `buses` until something ends it. Must run on [`runtime`].
-pub async fn record(
-    buses: Vec<Bus>,
-    definitions: Definitions,
-    plan: &Plan,
-) -> Result<Recorded> {
+pub async fn record(buses: Vec<Bus>, definitions: Definitions, plan: &Plan) -> Result<Recorded> {
     // Before the file is made, so that Ctrl-C from here on ends with a finished file.
     let mut signals = Signals::new()?;
     let desk = Desk::new(&buses, plan);

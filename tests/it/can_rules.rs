@@ -170,7 +170,10 @@ fn pack(rules: impl Fn(&str) -> String) -> (tempfile::TempDir, String) {
 fn the_rules_of_the_documentation_do_what_the_page_says() {
     let (_folder, rules) = pack(str::to_owned);
     let checked = bustape(["protocols", "check", &rules]).expect(0).out;
-    assert!(checked.contains("1 remote rules, 2 context rules, 2 assembly rules; 0 odd"), "{checked}");
+    assert!(
+        checked.contains("1 remote rules, 2 context rules, 2 assembly rules; 0 odd"),
+        "{checked}"
+    );
     let page = PAGE.split("end in\n\n").nth(1).unwrap().split("\n\n").next().unwrap();
     let told: Json = serde_json::from_str(page).unwrap();
     let stdin = "120#0A00020164006500\n121#66006700\n\
@@ -185,7 +188,10 @@ fn the_rules_of_the_documentation_do_what_the_page_says() {
     assert_eq!(messages[3..6], [&json!("STATUS_REQUEST"), &json!("FAULT"), &json!("STATUS")]);
     let limits = ["SET_LIMIT", "LIMIT_ECHO", "SET_LIMIT", "SET_LIMIT"];
     assert_eq!(messages[6..10], limits.map(|name| json!(name)).iter().collect::<Vec<_>>());
-    assert_eq!((&lines[3]["dir"], &lines[7]["dir"]), (&json!("host-to-pack"), &json!("pack-to-host")));
+    assert_eq!(
+        (&lines[3]["dir"], &lines[7]["dir"]),
+        (&json!("host-to-pack"), &json!("pack-to-host"))
+    );
     assert_eq!(lines[12]["number"], "ABCDEFGHIJKL");
     let late = lines.iter().rfind(|line| line["assembly"] == "table").unwrap();
     assert_eq!((&late["complete"], &late["samples"]), (&json!(false), &json!([100, 101])));

@@ -154,17 +154,15 @@ fn print(out: &mut impl std::io::Write, name: &str, loaded: &CanFiles) -> Result
         (definition.contexts(), "context"),
         (definition.assemblies().len(), "assembly"),
     ];
-    let rules: String = rules
-        .iter()
-        .filter(|(count, _)| *count > 0)
-        .map(|(count, kind)| format!(", {} {kind} rules", grouped(*count as u64)))
-        .collect();
+    let rules = rules.iter().filter(|(count, _)| *count > 0);
+    let rules: Vec<_> = rules.map(|(count, kind)| format!(", {count} {kind} rules")).collect();
     writeln!(
         out,
-        "{}: {} messages, {} signals{rules}; {} oddities, {} of them could not be loaded",
+        "{}: {} messages, {} signals{}; {} oddities, {} of them could not be loaded",
         printable(name),
         grouped(definition.messages().len() as u64),
         grouped(signals(definition) as u64),
+        rules.concat(),
         grouped(oddities.list().len() as u64 + oddities.unlisted()),
         grouped(oddities.lost()),
     )?;

@@ -153,7 +153,7 @@ impl Assembled<'_> {
 /// An assembly on its way: at most one of each kind on a bus.
 #[derive(Debug, Default)]
 pub(super) struct Open {
-    open: bool,
+    active: bool,
     bytes: Vec<u8>,
     total: usize,
     frames: u32,
@@ -181,13 +181,13 @@ impl Open {
             let Some(total) = total else { return };
             self.bytes.clear();
             *self = Self {
-                open: true,
+                active: true,
                 bytes: std::mem::take(&mut self.bytes),
                 total,
                 begun: time,
                 ..Self::default()
             };
-        } else if !self.open {
+        } else if !self.active {
             // Its beginning was not seen.
             return;
         } else if number != self.frames || data.is_empty() {
@@ -219,13 +219,13 @@ impl Open {
 
     /// Tells what there is of it, if anything.
     pub fn give_up(&mut self, assembly: &Assembly, visit: &mut impl FnMut(Assembled<'_>)) {
-        if self.open {
+        if self.active {
             self.end(assembly, false, visit);
         }
     }
 
     fn end(&mut self, assembly: &Assembly, complete: bool, visit: &mut impl FnMut(Assembled<'_>)) {
-        self.open = false;
+        self.active = false;
         visit(Assembled {
             assembly,
             complete,

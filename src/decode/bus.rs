@@ -103,12 +103,11 @@ impl CanBus {
             let numbered = definition.assemblies.iter().map(|a| (a, a.number(key, message)));
             numbered.enumerate().filter_map(|(at, (a, number))| Some((at, a, number?)))
         };
-        // What a frame in the middle has to carry is not declared.
-        let free = numbered().any(|(_, assembly, number)| assembly.ends_anywhere() && number > 0);
+        // What a frame behind the first has to carry is not declared.
         if let Some(found) = &mut found
-            && free
             && found.check == Check::Short
             && !frame.data().is_empty()
+            && numbered().any(|(_, assembly, number)| assembly.ends_anywhere() && number > 0)
         {
             found.check = Check::Exact;
         }

@@ -86,15 +86,15 @@ fn each_sequence_of_frames_becomes_the_messages_that_the_protocol_says() {
 fn frames_of_one_bus_do_not_disturb_those_of_another() {
     // All sequences at once, each on its own bus, a frame of each in turn.
     let sequences = sequences();
-    let mut stdin = String::new();
+    let mut lines = Vec::new();
     for turn in 0..40 {
         for (bus, sequence) in sequences.iter().enumerate() {
             if let Some(frame) = sequence["frames"].get(turn) {
-                stdin += &format!("can{bus} {}\n", candump(frame));
+                lines.push(format!("can{bus} {}\n", candump(frame)));
             }
         }
     }
-    let explained = explain("hmi-can", &stdin);
+    let explained = explain("hmi-can", &lines.concat());
     for (bus, sequence) in sequences.iter().enumerate() {
         let bus = json!(format!("can{bus}"));
         let own: Vec<&Json> = explained.iter().filter(|line| line["bus"] == bus).collect();
@@ -117,8 +117,10 @@ fn every_single_frame_decodes_as_the_protocol_says() {
                 assert_eq!(expected[key], explained[key], "{key} of {expected}");
             }
         }
-        let labels = expected["labels"].as_object().cloned().unwrap_or_default();
-        assert_eq!(json!(labels), explained["labels"], "{expected}");
+        // Vectors of short and long frames do not have them.
+        if !expected["labels"].is_null() {
+            assert_eq!(expected["labels"], explained["labels"], "{expected}");
+        }
     }
 }
 
@@ -220,7 +222,8 @@ fn wrong_rules_are_refused_with_their_line() {
     refused("HISTORY_0.cell", "HISTORY_0.sell", 45, "there is no table");
     refused("u16[]", "text[]", 47, "expected a type with a size");
     refused("name = \"samples\"", "name = \"cell\"", 34, "used twice");
-    refused("dbc = \"pack.dbc\"", "framing = 1", 1, "missing field `dbc`");
+    refused("dbc = \"pack.dbc\"", "", 1, "missing field `dbc`");
+    refused("dbc = \"pack.dbc\"", "dbc = \"pack.dbc\"\n[framing]", 3, "unknown field `framing`");
     let (_folder, rules) = pack(|text| text.replace("pack.dbc", "none.dbc"));
     assert!(bustape(["protocols", "check", &rules]).expect(1).err.contains("none.dbc"));
 }

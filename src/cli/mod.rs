@@ -1,5 +1,6 @@
 //! Every command and option, defined and documented once.
 
+pub mod decode;
 pub mod keep;
 pub mod recover;
 pub mod retime;
@@ -9,6 +10,7 @@ use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+pub use self::decode::DecodeArgs;
 pub use self::keep::KeepArgs;
 pub use self::recover::RecoverArgs;
 pub use self::retime::RetimeArgs;
@@ -50,6 +52,8 @@ pub enum Command {
     Retime(RetimeArgs),
     /// Mark segments that a recorder must not delete
     Keep(KeepArgs),
+    /// Add decoded channels to a recording
+    Decode(DecodeArgs),
     /// List the CAN interfaces and serial ports of this machine
     Ports(PortsArgs),
     /// Record a simulated power station, without any hardware
@@ -76,7 +80,14 @@ Addresses ([NAME=]ADDRESS; without a name the last part of the address is the na
                                    a pty at PATH for the application, the real port behind it
   pty:PATH                         a new pseudo-terminal linked at PATH
   slcan:/dev/ttyACM0@500000        CAN adapter with the Lawicel ASCII protocol
-  sim:hmi-can, sim:zhongheng-09    simulated devices";
+  sim:hmi-can, sim:zhongheng-09    simulated devices
+
+PROTOCOL:
+  hmi-can, zhongheng-09            built in
+  FILE.dbc                         messages of a CAN bus; FILE.dbc:j1939 to recognise 29-bit
+                                   identifiers by their J1939 parameter group number
+  FILE.toml                        a protocol of docs/protocols.md or docs/protocols-serial.md;
+                                   settings behind a colon: zhongheng-09:byte_order=little";
 
 /// Options of `bustape record`.
 #[derive(Debug, Args)]
@@ -86,6 +97,10 @@ pub struct RecordArgs {
     /// What to record, see below
     #[arg(required = true, value_name = "BUS")]
     pub buses: Vec<String>,
+
+    /// Write what the frames of this bus mean as decoded channels, too; once for each bus
+    #[arg(long, value_name = "BUS=PROTOCOL")]
+    pub decode: Vec<String>,
 
     /// Record into this file (FILE.part until it is finished); an existing file is never
     /// overwritten. For days use --dir: the index of one long file takes some 40 MiB of memory a

@@ -2,6 +2,8 @@
 
 mod cat;
 mod convert;
+mod decode;
+mod definitions;
 mod demo;
 mod explain;
 mod info;
@@ -12,6 +14,7 @@ mod protocols;
 mod record;
 mod recover;
 mod retime;
+mod rewrite;
 mod status;
 
 use std::process::ExitCode;
@@ -44,6 +47,7 @@ pub fn main() -> ExitCode {
         Command::Recover(args) => recover::run(&args),
         Command::Keep(args) => keep::run(&args),
         Command::Retime(args) => retime::run(&args),
+        Command::Decode(args) => decode::run(&args),
         Command::Ports(args) => ports::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Explain(args) => explain::run(&args),

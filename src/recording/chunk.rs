@@ -25,6 +25,8 @@ pub struct MessageIndex {
     start: u64,
     end: u64,
     messages: u64,
+    /// Bytes of `records` up to the end of the last one that is complete.
+    whole: usize,
 }
 
 /// A message whose payload is being appended; see [`Chunk::begin`].
@@ -64,6 +66,7 @@ impl Chunk {
         let length = (self.records.len() - at - RECORD_HEAD) as u64;
         self.records[at + 1..at + RECORD_HEAD].copy_from_slice(&length.to_le_bytes());
         self.index.note(channel, time, at as u64);
+        self.whole = self.records.len();
     }
 
     /// Appends a message as it stood elsewhere; `body` is the record's content.
@@ -73,11 +76,18 @@ impl Chunk {
         self.records.extend_from_slice(&(body.len() as u64).to_le_bytes());
         self.records.extend_from_slice(body);
         self.index.note(channel, time, at);
+        self.whole = self.records.len();
+    }
+
+    /// Takes back a message that was begun and not completed.
+    pub fn abandon(&mut self) {
+        self.records.truncate(self.whole);
     }
 
     /// Appends a schema or channel record.
     pub fn define(&mut self, record: &[u8]) {
         self.records.extend_from_slice(record);
+        self.whole = self.records.len();
     }
 
     /// True when there is no message. Such a chunk must not be written: readers take its start

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// For each part what it may use: all that there is to know about where a change can have effects.
-const ARROWS: [(&str, &[&str]); 15] = [
+const ARROWS: [(&str, &[&str]); 16] = [
     ("frame", &[]),
     ("clock", &["frame"]),
     ("text", &["frame"]),
@@ -13,12 +13,14 @@ const ARROWS: [(&str, &[&str]); 15] = [
     // Capture never touches the disk.
     ("capture", &["frame", "clock", "sys", "record"]),
     ("recording", &["frame", "record"]),
-    ("record", &["frame", "clock", "text", "recording", "capture"]),
+    ("record", &["frame", "clock", "text", "recording", "capture", "channels"]),
     ("simulate", &["frame", "clock", "sys", "capture", "record"]),
     // What frames mean: no files, no buses.
     // Fields of messages of several frames are written as those of serial lines.
     ("decode", &["frame", "protocol"]),
     ("protocol", &["frame"]),
+    // What frames mean, as messages of a recording.
+    ("channels", &["frame", "decode", "protocol", "recording"]),
     ("address", &["capture", "simulate"]),
     ("cli", &["text", "record", "recording"]),
     (
@@ -26,6 +28,7 @@ const ARROWS: [(&str, &[&str]); 15] = [
         &[
             "address",
             "capture",
+            "channels",
             "cli",
             "clock",
             "decode",

@@ -25,6 +25,7 @@ mod can_rules;
 mod cat;
 mod cli;
 mod convert;
+mod decoded;
 mod disk;
 mod hostile;
 mod kill;

@@ -2,13 +2,19 @@
 
 mod cat;
 mod convert;
+mod decode;
+mod definitions;
 mod demo;
 mod explain;
 mod info;
+mod keep;
 mod output;
 mod ports;
 mod protocols;
 mod record;
+mod recover;
+mod retime;
+mod rewrite;
 mod simulate;
 mod status;
 
@@ -40,6 +46,10 @@ pub fn main() -> ExitCode {
         Command::Info(args) => info::run(&args),
         Command::Cat(args) => cat::run(&args),
         Command::Convert(args) => convert::run(&args),
+        Command::Recover(args) => recover::run(&args),
+        Command::Keep(args) => keep::run(&args),
+        Command::Retime(args) => retime::run(&args),
+        Command::Decode(args) => decode::run(&args),
         Command::Ports(args) => ports::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Explain(args) => explain::run(&args),

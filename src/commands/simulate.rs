@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use anyhow::Result;
 
-use super::record::{self, Signals};
+use super::record::{self, Stops};
 use super::{Ended, output};
 use crate::cli::simulate::{SimulateArgs, SimulatedDevice};
 
@@ -27,7 +27,7 @@ async fn until_end(
     simulation: impl Future<Output = Result<()>>,
     duration: Option<Duration>,
 ) -> Result<Ended> {
-    let mut signals = Signals::new()?;
+    let mut stops = Stops::new()?;
     let over = async {
         match duration {
             Some(duration) => tokio::time::sleep(duration).await,
@@ -37,7 +37,7 @@ async fn until_end(
     tokio::select! {
         result = simulation => result?,
         () = over => {}
-        name = signals.next() => output::note(&format!("Stopped by {name}.")),
+        name = stops.next() => output::note(&format!("Stopped by {name}.")),
     }
     Ok(Ended::Well)
 }

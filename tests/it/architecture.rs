@@ -13,21 +13,24 @@ const ARROWS: [(&str, &[&str]); 16] = [
     // Capture never touches the disk.
     ("capture", &["frame", "clock", "sys", "record"]),
     ("recording", &["frame", "record"]),
-    ("record", &["frame", "clock", "text", "recording", "capture"]),
+    ("record", &["frame", "clock", "text", "recording", "capture", "channels"]),
     ("simulate", &["frame", "clock", "sys", "capture", "record"]),
     // What frames mean: no files, no buses.
     // Fields of messages of several frames are written as those of serial lines.
     ("decode", &["frame", "protocol"]),
     ("protocol", &["frame"]),
+    // What frames mean, as messages of a recording.
+    ("channels", &["frame", "decode", "protocol", "recording"]),
     ("address", &["capture", "simulate"]),
     // Where something may be sent.
     ("permit", &["sys"]),
-    ("cli", &["text", "recording", "simulate"]),
+    ("cli", &["text", "record", "recording", "simulate"]),
     (
         "commands",
         &[
             "address",
             "capture",
+            "channels",
             "cli",
             "clock",
             "decode",

@@ -126,7 +126,7 @@ impl Report {
         if of_index {
             self.index_bytes += to - from;
         } else {
-            self.lost(from, to - from, "no record");
+            self.lost(from, to - from, "nothing recognisable");
         }
     }
 
@@ -189,7 +189,8 @@ impl Report {
     pub(super) fn kept(&mut self, messages: u64, (start, end): (u64, u64)) {
         self.messages += messages;
         for lost in &mut self.lost[self.open..] {
-            lost.before.get_or_insert(start);
+            // Chunks overlap a little, times of a range never do.
+            lost.before.get_or_insert(start.max(lost.after.unwrap_or(0)));
         }
         self.open = self.lost.len();
         self.latest = Some(self.latest.map_or(end, |latest| latest.max(end)));

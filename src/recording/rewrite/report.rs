@@ -104,22 +104,24 @@ impl Report {
 
     /// What was kept and lost, in a sentence.
     pub fn sentence(&self) -> String {
-        let mut text = format!(
+        let mut parts = vec![format!(
             "kept {} messages, {} metadata records, {} attachments",
             self.messages, self.metadata, self.attachments
-        );
+        )];
         if !self.finished {
-            text += "; it had not been finished, so what was in memory when it was cut off is not in it";
+            let why =
+                "it had not been finished, so what was in memory when it was cut off is not in it";
+            parts.push(why.to_owned());
         }
         if self.unverified > 0 {
-            text += &format!("; of the messages {} are unverified", self.unverified);
+            parts.push(format!("of the messages {} are unverified", self.unverified));
         }
         let (messages, all) = self.lost_messages();
         if !self.is_whole() {
             let least = if all { "" } else { "at least " };
-            text += &format!("; lost {} bytes, {least}{messages} messages", self.lost_bytes);
+            parts.push(format!("lost {} bytes, {least}{messages} messages", self.lost_bytes));
         }
-        text
+        parts.join("; ")
     }
 
     pub(super) fn damage(&mut self, from: u64, to: u64, of_index: bool) {

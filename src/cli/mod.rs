@@ -106,6 +106,7 @@ pub struct RecordArgs {
     pub buses: Vec<String>,
 
     /// Write what the frames of this bus mean as decoded channels, too; once for each bus
+    /// [default: not decoded]
     #[arg(long, value_name = "BUS=PROTOCOL")]
     pub decode: Vec<String>,
 

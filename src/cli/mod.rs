@@ -1,6 +1,7 @@
 //! Every command and option, defined and documented once.
 
 pub mod export;
+pub mod decode;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -8,6 +9,7 @@ use std::time::Duration;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 use export::ExportArgs;
+pub use decode::DecodeArgs;
 
 use crate::recording::writer::Layout;
 use crate::text::{parse_duration, parse_size};
@@ -42,6 +44,8 @@ pub enum Command {
     Convert(ConvertArgs),
     /// Make tables of signals, or logs for other tools
     Export(Box<ExportArgs>),
+    /// Add decoded channels to a recording
+    Decode(DecodeArgs),
     /// List the CAN interfaces and serial ports of this machine
     Ports(PortsArgs),
     /// Record a simulated power station, without any hardware

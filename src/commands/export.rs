@@ -1,8 +1,11 @@
 //! `bustape export`: tables of signals, and frames in the formats of other tools.
 
+mod decoders;
 mod input;
+mod quick;
 mod selection;
 mod tables;
+mod target;
 
 use anyhow::Result;
 

@@ -2,6 +2,8 @@
 
 mod cat;
 mod convert;
+mod decode;
+mod definitions;
 mod demo;
 mod explain;
 mod export;
@@ -11,6 +13,7 @@ mod output;
 mod ports;
 mod protocols;
 mod record;
+mod rewrite;
 mod status;
 
 use std::process::ExitCode;
@@ -41,6 +44,7 @@ pub fn main() -> ExitCode {
         Command::Cat(args) => cat::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Export(args) => export::run(&args),
+        Command::Decode(args) => decode::run(&args),
         Command::Ports(args) => ports::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Explain(args) => explain::run(&args),

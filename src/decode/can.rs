@@ -33,10 +33,10 @@ impl Check {
 /// The message that a frame carries.
 #[derive(Clone, Copy, Debug)]
 pub struct Match<'a> {
+    /// Its place in [`Database::messages`].
+    pub index: usize,
     /// What the database says about it.
     pub message: &'a Message,
-    /// Its index in [`Database::messages`].
-    pub index: usize,
     /// The length of the frame.
     pub check: Check,
     /// The frame's addresses, when it was recognised as J1939.
@@ -92,7 +92,7 @@ impl CanDecoder {
         let message = self.database.messages.get(index)?;
         let plan = self.plans.get(index)?;
         let check = check(message, frame);
-        Some(Match { message, index, check, j1939: group.map(|(_, id)| id), plan })
+        Some(Match { index, message, check, j1939: group.map(|(_, id)| id), plan })
     }
 
     /// Gives every signal that is in `data` to `visit`, as [`Match::decode`] does, when the message

@@ -27,6 +27,20 @@ pub struct CanPlan {
 struct Place {
     column: u32,
     labels: Lookup,
+    whole: Option<Whole>,
+}
+
+/// A scaled signal all of whose values are integers.
+#[derive(Clone, Copy, Debug)]
+struct Whole {
+    factor: i64,
+    offset: i64,
+    /// Bits above the sign of a signed one, 0 for others.
+    unused: u16,
+    /// Values, not raw ones, that can be below 0.
+    signed: bool,
+    /// Bits that the values need.
+    bits: u8,
 }
 
 /// From raw values to indices of labels.
@@ -53,9 +67,10 @@ impl CanPlan {
         for signal in &message.signals {
             let wanted = wanted(&signal.name);
             let column = if wanted { u32::try_from(columns.len()).ok()? } else { UNWANTED };
-            places.push(Place { column, labels: Lookup::of(signal) });
+            let whole = Whole::of(signal);
+            places.push(Place { column, labels: Lookup::of(signal), whole });
             if wanted {
-                columns.push(column_of(signal));
+                columns.push(column_of(signal, whole));
             }
         }
         if columns.is_empty() {
@@ -93,6 +108,9 @@ impl CanPlan {
                 }
             };
             let value = match reading.value {
+                Decoded::Float(_) if place.whole.is_some() => {
+                    place.whole.map_or(Value::Absent, |whole| whole.value(reading.raw))
+                }
                 Decoded::Unsigned(number) => Value::Unsigned(number),
                 Decoded::Signed(number) => Value::Signed(number),
                 Decoded::Float(number) => Value::Float(number),
@@ -111,6 +129,44 @@ impl CanPlan {
             }
         });
     }
+}
+
+impl Whole {
+    fn of(signal: &Signal) -> Option<Self> {
+        let signed = match signal.number {
+            Number::Unsigned => false,
+            Number::Signed => true,
+            Number::Float32 | Number::Float64 => return None,
+        };
+        let (factor, offset) = (integer(signal.factor)?, integer(signal.offset)?);
+        if (factor, offset) == (1, 0) {
+            return None;
+        }
+        let span = 1_i128 << (signal.length - u16::from(signed));
+        let ends = if signed { [-span, span - 1] } else { [0, span - 1] };
+        let [a, b] = ends.map(|raw| raw * i128::from(factor) + i128::from(offset));
+        let (least, largest) = (a.min(b), a.max(b));
+        let needed = |number: i128| 128 - if number < 0 { !number } else { number }.leading_zeros();
+        let below = least < 0;
+        let bits = needed(least).max(needed(largest)).max(1) + u32::from(below);
+        let bits = u8::try_from(bits).ok().filter(|bits| *bits <= 64)?;
+        let unused = if signed { 64 - signal.length } else { 0 };
+        Some(Self { factor, offset, unused, signed: below, bits })
+    }
+
+    /// The value of raw bits. What wraps comes out right, since it is known to fit.
+    #[inline]
+    fn value(self, raw: u64) -> Value {
+        let raw = ((raw << self.unused) as i64) >> self.unused;
+        let value = raw.wrapping_mul(self.factor).wrapping_add(self.offset);
+        if self.signed { Value::Signed(value) } else { Value::Unsigned(value as u64) }
+    }
+}
+
+/// The integer that a float is, if it is one that floats have exactly.
+fn integer(number: f64) -> Option<i64> {
+    #[allow(clippy::cast_possible_truncation, reason = "the range is checked")]
+    (number.fract() == 0.0 && number.abs() <= 9e15).then_some(number as i64)
 }
 
 impl Lookup {
@@ -148,15 +204,17 @@ fn id_text(message: &Message) -> String {
     if message.extended { format!("{:08X}", message.id) } else { format!("{:03X}", message.id) }
 }
 
-fn column_of(signal: &Signal) -> Column {
+fn column_of(signal: &Signal, whole: Option<Whole>) -> Column {
     let scaled = signal.factor != 1.0 || signal.offset != 0.0;
     let bits = u8::try_from(signal.length).unwrap_or(64);
-    let kind = match signal.number {
+    let kind = match (signal.number, whole) {
+        (_, Some(Whole { signed: true, bits, .. })) => Kind::Signed(bits),
+        (_, Some(Whole { bits, .. })) => Kind::Unsigned(bits),
         _ if scaled => Kind::Float64,
-        Number::Unsigned => Kind::Unsigned(bits),
-        Number::Signed => Kind::Signed(bits),
-        Number::Float32 => Kind::Float32,
-        Number::Float64 => Kind::Float64,
+        (Number::Unsigned, _) => Kind::Unsigned(bits),
+        (Number::Signed, _) => Kind::Signed(bits),
+        (Number::Float32, _) => Kind::Float32,
+        (Number::Float64, _) => Kind::Float64,
     };
     let labels = signal.labels.as_ref();
     Column {

@@ -284,6 +284,32 @@ impl SegmentWriter {
         self.note(time);
     }
 
+    /// Adds a message of a channel defined before; `write` appends its payload. It was known at
+    /// `now`, which may be later than its own time.
+    #[inline]
+    pub fn add_with(
+        &mut self,
+        channel: u16,
+        time: Timestamp,
+        now: Timestamp,
+        write: impl FnOnce(&mut Vec<u8>),
+    ) {
+        let (open, out) = self.chunk.begin(channel, time);
+        write(out);
+        self.chunk.end(open);
+        self.note(now);
+    }
+
+    /// Takes back a message whose `write` has panicked.
+    pub fn abandon(&mut self) {
+        self.chunk.abandon();
+    }
+
+    /// How many channels the file has so far.
+    pub fn channels(&self) -> usize {
+        self.container.channels()
+    }
+
     fn note(&mut self, time: Timestamp) {
         let span = self.span.get_or_insert((time, time));
         span.0 = span.0.min(time);

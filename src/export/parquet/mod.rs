@@ -3,5 +3,6 @@
 pub mod columns;
 pub mod dataset;
 pub mod file;
+pub mod flat;
 mod schema;
 mod shelves;

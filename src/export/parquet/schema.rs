@@ -12,9 +12,6 @@ use parquet::schema::types::{ColumnPath, Type, TypePtr};
 
 use crate::export::table::{Column, Kind, Table};
 
-/// Integers of so many bits have few enough values for a dictionary.
-const FEW_VALUES: u8 = 8;
-
 /// The columns of a file: `time`, then a column or two for each signal.
 pub fn schema(columns: &[Column]) -> Result<TypePtr> {
     let stamp = LogicalType::timestamp(true, TimeUnit::NANOS);
@@ -68,7 +65,8 @@ pub fn properties(table: &Table, level: i32) -> Result<WriterPropertiesPtr> {
     for column in &table.columns {
         let path = ColumnPath::new(vec![column.name.clone()]);
         properties = match column.kind {
-            Kind::Unsigned(bits) | Kind::Signed(bits) if bits > FEW_VALUES => {
+            _ if column.few_values => properties.set_column_dictionary_enabled(path, true),
+            Kind::Unsigned(bits) | Kind::Signed(bits) if bits > 8 => {
                 properties.set_column_encoding(path, Encoding::DELTA_BINARY_PACKED)
             }
             Kind::Unsigned(_) | Kind::Signed(_) | Kind::Text => {

@@ -79,7 +79,8 @@ impl Encoder {
         }
         let numbers = numbers(&labelled);
         let steps = message.signals.iter().zip(&numbers);
-        let steps: Box<[Step]> = steps.map(|(signal, numbers)| Step::of(signal, *numbers)).collect();
+        let steps: Box<[Step]> =
+            steps.map(|(signal, numbers)| Step::of(signal, *numbers)).collect();
         let longest = LONGEST_FIELD * (numbers.len() + labelled.iter().filter(|l| **l).count() + 2);
         let address = |index: usize| numbers.get(index).map(|(n, _)| Tag::of(*n, wire::VARINT));
         let count = message.signals.len();

@@ -94,11 +94,7 @@ impl Out<'_> {
         let id = self.writer.define(ChannelDefinition {
             topic: format!("/{}/{topic}", self.names.bus),
             encoding: "protobuf".to_owned(),
-            schema: Some(SchemaDefinition {
-                name: &name,
-                encoding: "protobuf",
-                data: &descriptor,
-            }),
+            schema: Some(SchemaDefinition { name: &name, encoding: "protobuf", data: &descriptor }),
             metadata,
         })?;
         if self.ids.len() <= channel {

@@ -1,15 +1,15 @@
 //! Every command and option, defined and documented once.
 
-pub mod export;
 pub mod decode;
+pub mod export;
 
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-use export::ExportArgs;
 pub use decode::DecodeArgs;
+use export::ExportArgs;
 
 use crate::recording::writer::Layout;
 use crate::text::{parse_duration, parse_size};

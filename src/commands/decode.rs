@@ -185,12 +185,7 @@ impl Copy for Decode<'_> {
 }
 
 /// Says why a bus is not decoded any more, here and in the file.
-fn tell(
-    stream: &Stream,
-    time: Timestamp,
-    why: String,
-    out: &mut SegmentWriter,
-) -> io::Result<()> {
+fn tell(stream: &Stream, time: Timestamp, why: String, out: &mut SegmentWriter) -> io::Result<()> {
     output::warning(&why);
     let notice = Notice { level: Level::Error, text: why };
     out.add_notice(time, &format!("{}/decode", stream.bus()), &notice)

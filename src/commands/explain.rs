@@ -1,7 +1,6 @@
 //! `bustape explain`: what frames mean.
 
 mod can;
-mod candump;
 mod json;
 mod plain;
 pub mod serial;

@@ -2,7 +2,8 @@
 
 mod decoders;
 mod input;
-mod quick;
+mod report;
+mod routes;
 mod selection;
 mod tables;
 mod target;

@@ -44,8 +44,7 @@ pub fn load_with_bytes(protocol: &CanProtocol) -> Result<(Parsed, Vec<u8>)> {
         CanProtocol::BuiltIn { text, .. } => text.as_bytes().to_vec(),
         CanProtocol::File { path, .. } => read(path)?,
     };
-    let parsed =
-        dbc::parse(&bytes).with_context(|| format!("cannot use {}", protocol.name()))?;
+    let parsed = dbc::parse(&bytes).with_context(|| format!("cannot use {}", protocol.name()))?;
     Ok((parsed, bytes))
 }
 

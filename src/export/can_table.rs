@@ -77,12 +77,8 @@ impl CanPlan {
             return None;
         }
         make_unique(&mut columns);
-        let plan = Self {
-            decoder: Arc::clone(decoder),
-            message: index,
-            places,
-            columns: columns.len(),
-        };
+        let plan =
+            Self { decoder: Arc::clone(decoder), message: index, places, columns: columns.len() };
         Some((plan, table_of(message, bus, columns)))
     }
 
@@ -103,7 +99,8 @@ impl CanPlan {
                     label.copied().filter(|label| *label != UNLABELLED)
                 }
                 Lookup::Search => {
-                    let index = signals.get(reading.signal).and_then(|s| s.label_index(reading.raw));
+                    let index =
+                        signals.get(reading.signal).and_then(|s| s.label_index(reading.raw));
                     index.and_then(|index| u32::try_from(index).ok())
                 }
             };

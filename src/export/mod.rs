@@ -2,6 +2,7 @@
 
 pub mod can_table;
 pub mod catalogue;
+pub mod message_table;
 pub mod output;
 pub mod parquet;
 pub mod period;

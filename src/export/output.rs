@@ -179,7 +179,8 @@ fn name_parts(folder: &Path) -> Result<(), OutputError> {
             if path.is_dir() {
                 folders.push(path);
             } else if path.extension().is_some_and(|ending| ending == "part") {
-                fs::rename(&path, path.with_extension("")).map_err(|e| failed("name", &path, &e))?;
+                fs::rename(&path, path.with_extension(""))
+                    .map_err(|e| failed("name", &path, &e))?;
             }
         }
     }

@@ -11,17 +11,19 @@ use super::selection::Selection;
 use crate::commands::interrupt::Interrupt;
 use crate::commands::{Ended, UsageError, info, output};
 use crate::frame::{Frame, Stamped, Timestamp};
-use crate::import::{LogFrame, LogReader};
+use crate::import::{LogFrame, LogReader, Settings, format};
 use crate::recording::reader::{Entry, Recording};
 
 /// Entries between two looks at what a person wants and is told.
 const PACE: u32 = 1 << 14;
 
-/// Gives everything on the wanted topics to `visit`, in time order, and says what could not be read.
+/// Gives everything on the wanted topics to `visit`, in time order, and says what could not
+/// be read unless `quiet`.
 pub fn each(
     recording: &Recording,
     range: RangeInclusive<Timestamp>,
     interrupt: &Interrupt,
+    quiet: bool,
     wanted: impl Fn(&str) -> bool,
     mut visit: impl FnMut(&Stamped<Entry>) -> Result<()>,
 ) -> Result<Ended> {
@@ -38,6 +40,9 @@ pub fn each(
     }
     interrupt.check()?;
     progress.clear();
+    if quiet {
+        return Ok(Ended::Well);
+    }
     let damage = entries.damage();
     for sentence in damage {
         output::warning(sentence);
@@ -113,6 +118,9 @@ fn is_recording(path: &Path) -> Result<bool> {
     if path.is_dir() {
         return Ok(true);
     }
+    if path.as_os_str() == "-" {
+        return Ok(false);
+    }
     let mut head = Vec::new();
     let file = File::open(path).with_context(unreadable)?;
     file.take(mcap::MAGIC.len() as u64).read_to_end(&mut head).with_context(unreadable)?;
@@ -124,6 +132,7 @@ pub fn each_of_logs(
     logs: &[PathBuf],
     selection: &Selection,
     interrupt: &Interrupt,
+    quiet: bool,
     mut visit: impl FnMut(&str, &Stamped<Frame>) -> Result<()>,
 ) -> Result<Ended> {
     let mut ended = Ended::Well;
@@ -131,7 +140,9 @@ pub fn each_of_logs(
     let mut frames = Vec::new();
     for path in logs {
         let unreadable = || format!("cannot read {}", path.display());
-        let mut reader = super::quick::open(path)?;
+        let opened = format::open(path, None, &Settings::default()).with_context(unreadable)?;
+        let (size, taken, mut reader) = (opened.size.unwrap_or(0), opened.taken, opened.reader);
+        let mut progress = Progress::new(size);
         loop {
             frames.clear();
             let more = reader.read(&mut frames).with_context(unreadable)?;
@@ -146,11 +157,17 @@ pub fn each_of_logs(
                 }
             }
             interrupt.check()?;
+            if size > 0 {
+                progress.show(size.saturating_sub(taken.get()));
+            }
             if !more {
                 break;
             }
         }
-        ended = if say_skipped(path, &*reader) { Ended::WithLoss } else { ended };
+        progress.clear();
+        if !quiet && say_skipped(path, &*reader) {
+            ended = Ended::WithLoss;
+        }
     }
     Ok(ended)
 }

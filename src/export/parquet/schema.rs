@@ -72,9 +72,7 @@ pub fn properties(table: &Table, level: i32) -> Result<WriterPropertiesPtr> {
             Kind::Unsigned(_) | Kind::Signed(_) | Kind::Text => {
                 properties.set_column_dictionary_enabled(path, true)
             }
-            Kind::Float32 | Kind::Float64 => {
-                properties.set_column_encoding(path, Encoding::PLAIN)
-            }
+            Kind::Float32 | Kind::Float64 => properties.set_column_encoding(path, Encoding::PLAIN),
             Kind::Bytes => properties,
         };
         if column.labels.is_some() {

@@ -43,7 +43,8 @@ impl RowWriter for Long {
             self.row.push_text(Some(&table.message));
             self.row.push_text(Some(&column.name));
             let labels = column.labels.as_ref();
-            let mut label = labels.and_then(|labels| labels.get(cell.label? as usize)).map(|t| &**t);
+            let mut label =
+                labels.and_then(|labels| labels.get(cell.label? as usize)).map(|t| &**t);
             match cell.value {
                 // A value that is a text has no number.
                 Value::Text(from, to) => {

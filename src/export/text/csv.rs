@@ -100,7 +100,9 @@ pub fn put_text(out: &mut Vec<u8>, text: &str, separator: u8) {
         out.extend_from_slice(text.as_bytes());
         return;
     }
-    let formula = text.trim_start().starts_with(['=', '+', '-', '@', '\u{FF1D}', '\u{FF0B}', '\u{FF0D}', '\u{FF20}']);
+    let formula = text
+        .trim_start()
+        .starts_with(['=', '+', '-', '@', '\u{FF1D}', '\u{FF0B}', '\u{FF0D}', '\u{FF20}']);
     let number = text.parse::<f64>().is_ok();
     let text = printable(text);
     let quoted = text.bytes().any(|byte| byte == separator || matches!(byte, b'"' | b',' | b';'));

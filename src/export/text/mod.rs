@@ -70,11 +70,8 @@ pub fn put_integer(out: &mut Vec<u8>, number: impl itoa::Integer) {
 pub fn put_float(out: &mut Vec<u8>, number: f64, single: bool) {
     let mut buffer = zmij::Buffer::new();
     #[allow(clippy::cast_possible_truncation, reason = "it was 32 bits before")]
-    let text = if single {
-        buffer.format_finite(number as f32)
-    } else {
-        buffer.format_finite(number)
-    };
+    let text =
+        if single { buffer.format_finite(number as f32) } else { buffer.format_finite(number) };
     out.extend_from_slice(text.strip_suffix(".0").unwrap_or(text).as_bytes());
 }
 

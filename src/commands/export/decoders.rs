@@ -80,7 +80,16 @@ impl Decoders {
     /// An error if a bus was named that the recording does not have, or if nothing tells what the
     /// frames of a log mean. The buses of a log are known at its end only.
     pub fn check(&self, source: &Source) -> Result<()> {
-        let Source::Recording(recording) = source else { return Ok(()) };
+        let Source::Recording(recording) = source else {
+            if self.definitions.is_empty() {
+                bail!(UsageError(
+                    "nothing says what the frames of a log mean; give --decode PROTOCOL, or \
+                     --shape frames for the frames as they are"
+                        .to_owned()
+                ));
+            }
+            return Ok(());
+        };
         for bus in self.routes.iter().filter_map(|(bus, _)| bus.as_ref()) {
             if !recording.buses.contains(bus) {
                 let buses = recording.buses.join(", ");

@@ -118,7 +118,8 @@ fn is_recording(path: &Path) -> Result<bool> {
     if path.is_dir() {
         return Ok(true);
     }
-    if path.as_os_str() == "-" {
+    // Of a pipe, and stdin, nothing may be taken before its turn has come.
+    if path.as_os_str() == "-" || path.metadata().is_ok_and(|about| !about.is_file()) {
         return Ok(false);
     }
     let mut head = Vec::new();

@@ -35,7 +35,7 @@ pub fn report(args: &ExportArgs, counts: &Counts, files: u64, notes: &[String]) 
     let Counts { read, rows, unknown, other, broken, tables } = *counts;
     if args.json {
         let totals = json!({
-            "read": read, "rows": rows, "unknown": unknown, "not_decoded": other,
+            "read": read, "decoded": rows, "unknown": unknown, "not_decoded": other,
             "broken": broken, "messages": tables, "files": files,
         });
         if args.output.as_os_str() == "-" {
@@ -45,7 +45,7 @@ pub fn report(args: &ExportArgs, counts: &Counts, files: u64, notes: &[String]) 
         }
     } else {
         let mut text = format!(
-            "{} frames read: {} rows, messages: {}, files: {}",
+            "{} frames read, {} taken; messages: {}, files: {}",
             grouped(read),
             grouped(rows),
             grouped(tables as u64),

@@ -20,7 +20,9 @@ use crate::recording::reader::{Entry, Recording};
 pub fn run(args: &ExportArgs, selection: &Selection, interrupt: &Interrupt) -> Result<Ended> {
     let decoders = Decoders::load(&args.decode)?;
     let source = Source::open(&args.files)?;
-    decoders.check(&source)?;
+    if args.shape != Shape::Frames {
+        decoders.check(&source)?;
+    }
     let mut target = Target::create(args)?;
     if args.shape == Shape::Frames {
         return frames(args, selection, interrupt, &source, target);

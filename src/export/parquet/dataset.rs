@@ -18,7 +18,7 @@ use crate::export::table::{Row, Table, Value};
 use crate::frame::Timestamp;
 
 /// Memory for rows that wait.
-const WAITING: usize = 20 << 20;
+const WAITING: usize = 14 << 20;
 /// Memory for the columns of a row group.
 const GROUP: usize = 8 << 20;
 /// Fewer rows than this become a row group only at the end.

@@ -2,7 +2,7 @@
 
 use std::io;
 
-use super::{column, table};
+use super::{column, table, texts};
 use crate::export::rows::FlatWriter;
 use crate::export::table::{Kind, Row, Table, Value};
 use crate::frame::{CanFlags, Direction, Frame, Timestamp};
@@ -10,9 +10,9 @@ use crate::frame::{CanFlags, Direction, Frame, Timestamp};
 /// What the table looks like.
 pub fn layout() -> Table {
     table(vec![
-        column("bus", Kind::Text),
+        texts("bus"),
         column("id", Kind::Unsigned(32)),
-        column("flags", Kind::Text),
+        texts("flags"),
         column("dlc", Kind::Unsigned(8)),
         column("data", Kind::Bytes),
     ])

@@ -2,7 +2,7 @@
 
 use std::io;
 
-use super::{column, table};
+use super::{column, table, texts};
 use crate::export::rows::{FlatWriter, RowWriter};
 use crate::export::table::{Kind, Row, Table, Value};
 use crate::frame::Timestamp;
@@ -10,12 +10,12 @@ use crate::frame::Timestamp;
 /// What the table looks like.
 pub fn layout() -> Table {
     table(vec![
-        column("bus", Kind::Text),
-        column("message", Kind::Text),
-        column("signal", Kind::Text),
+        texts("bus"),
+        texts("message"),
+        texts("signal"),
         column("value", Kind::Float64),
-        column("label", Kind::Text),
-        column("unit", Kind::Text),
+        texts("label"),
+        texts("unit"),
     ])
 }
 

@@ -11,6 +11,11 @@ fn column(name: &str, kind: Kind) -> Column {
     Column { name: name.to_owned(), kind, ..Column::default() }
 }
 
+/// A column of few different texts.
+fn texts(name: &str) -> Column {
+    Column { few_values: true, ..column(name, Kind::Text) }
+}
+
 /// A table of many buses.
 fn table(columns: Vec<Column>) -> Table {
     Table { columns, ..Table::default() }

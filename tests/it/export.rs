@@ -392,7 +392,7 @@ fn names_and_texts_of_a_database_can_harm_neither_a_spreadsheet_nor_a_terminal()
     assert!(!text.contains(['\x1b', '\x07', '\u{202e}']), "{text}");
     let labels: Vec<&str> =
         text.lines().skip(1).map(|l| l.splitn(3, ',').nth(2).unwrap()).collect();
-    let safe = ["'=1+1", "'+SUM(A1)", "'@x", "a\\u{1b}]0;b\\u{7}", "'-2+3", "a\\u{202e}b"];
+    let safe = ["'=1+1", "'+SUM(A1)", "'@x", "\"a\\u{1b}]0;b\\u{7}\"", "'-2+3", "a\\u{202e}b"];
     assert_eq!(labels, safe);
     // A unit does not begin its cell.
     assert!(text.starts_with("time,S [=cmd|' /C calc'!A0],S_label\r\n"), "{text}");

@@ -1,6 +1,7 @@
 //! Every command and option, defined and documented once.
 
 pub mod decode;
+pub mod export;
 pub mod keep;
 pub mod protocols;
 pub mod recover;
@@ -13,6 +14,7 @@ use std::time::Duration;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use self::decode::DecodeArgs;
+pub use self::export::ExportArgs;
 pub use self::keep::KeepArgs;
 pub use self::recover::RecoverArgs;
 pub use self::retime::RetimeArgs;
@@ -55,6 +57,8 @@ pub enum Command {
     Retime(RetimeArgs),
     /// Mark segments that a recorder must not delete
     Keep(KeepArgs),
+    /// Make tables of signals, or logs for other tools
+    Export(Box<ExportArgs>),
     /// Add decoded channels to a recording
     Decode(DecodeArgs),
     /// List the CAN interfaces and serial ports of this machine

@@ -2,7 +2,6 @@
 
 mod assembly;
 mod can;
-mod candump;
 mod json;
 mod plain;
 pub mod serial;

@@ -6,7 +6,9 @@ mod decode;
 mod definitions;
 mod demo;
 mod explain;
+mod export;
 mod info;
+mod interrupt;
 mod keep;
 mod output;
 mod ports;
@@ -49,6 +51,7 @@ pub fn main() -> ExitCode {
         Command::Recover(args) => recover::run(&args),
         Command::Keep(args) => keep::run(&args),
         Command::Retime(args) => retime::run(&args),
+        Command::Export(args) => export::run(&args),
         Command::Decode(args) => decode::run(&args),
         Command::Ports(args) => ports::run(&args),
         Command::Demo(args) => demo::run(&args),

@@ -138,6 +138,15 @@ impl CanDecoder {
         Some(Match { index: found.index, message, check, j1939: found.j1939, plan })
     }
 
+    /// Gives every signal that is in `data` to `visit`, as [`Match::decode`] does, when the message
+    /// is known by its index already.
+    #[inline]
+    pub fn decode(&self, index: usize, data: &[u8], visit: impl FnMut(Reading)) {
+        if let Some(plan) = self.plans.get(index) {
+            plan.decode(&Payload::new(data), visit);
+        }
+    }
+
     /// By number and source address, else by number: databases give messages the address 0xFE
     /// (nobody's) or that of one device of many. The same identifier wins over both.
     fn find_group(&self, id: u32, exact: Option<u32>) -> Option<(u32, Identifier)> {

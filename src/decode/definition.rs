@@ -1,7 +1,7 @@
 //! What the frames of a bus mean: a database, and the rules that a database cannot say.
 
 use super::assembly::Assembly;
-use super::can::CanDecoder;
+use super::can::{CanDecoder, Reading};
 use super::context::Meaning;
 use super::dbc::{Database, Message};
 use crate::frame::Level;
@@ -78,6 +78,13 @@ impl CanDefinition {
     /// Every message that a data frame can be.
     pub fn messages(&self) -> &[Message] {
         &self.database().messages
+    }
+
+    /// Gives every signal that is in `data` to `visit`, as [`super::can::Match::decode`] does, for
+    /// a frame that is known to be message number `index`.
+    #[inline]
+    pub fn decode(&self, index: usize, data: &[u8], visit: impl FnMut(Reading)) {
+        self.decoder.decode(index, data, visit);
     }
 
     /// For each of them whether it is recognised as J1939, so that its frames have addresses.

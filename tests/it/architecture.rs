@@ -19,6 +19,10 @@ const ARROWS: &[(&str, &[&str])] = &[
     // Fields of messages of several frames are written as those of serial lines.
     ("decode", &["frame", "protocol"]),
     ("protocol", &["frame"]),
+    // Logs of other tools become frames; what a recording is does not matter here.
+    ("import", &["frame", "text"]),
+    // Tables and logs for other tools; where the frames come from does not matter here.
+    ("export", &["decode", "frame", "recording", "text"]),
     // What frames mean, as messages of a recording.
     ("channels", &["frame", "decode", "protocol", "recording"]),
     ("address", &["capture", "simulate"]),
@@ -34,7 +38,9 @@ const ARROWS: &[(&str, &[&str])] = &[
             "cli",
             "clock",
             "decode",
+            "export",
             "frame",
+            "import",
             "permit",
             "protocol",
             "record",
@@ -50,10 +56,12 @@ const ARROWS: &[(&str, &[&str])] = &[
 ];
 
 /// Where an arrow is there for the sake of these names only.
-const ONLY: [(&str, &str, &[&str]); 3] = [
+const ONLY: [(&str, &str, &[&str]); 4] = [
     ("capture", "record", &["Inlet"]),
     ("record", "capture", &["BusFacts"]),
     ("recording", "record", &["weight"]),
+    // Decoded channels are messages of a recording.
+    ("export", "recording", &["wire::{Field, Fields}"]),
 ];
 
 /// The source files without their tests and comments, by path below `src`.

@@ -4,8 +4,8 @@ use std::ffi::OsString;
 
 use crate::support::process::{args, bustape};
 
-const COMMANDS: [&str; 9] =
-    ["record", "info", "cat", "convert", "recover", "retime", "keep", "ports", "demo"];
+const COMMANDS: &[&str] =
+    &["record", "info", "cat", "convert", "recover", "retime", "keep", "ports", "demo", "export"];
 
 #[test]
 fn wrong_usage_is_refused_with_a_sentence_and_leaves_nothing() {
@@ -114,7 +114,7 @@ fn help(command: &str) -> String {
 
 #[test]
 fn the_help_is_as_it_was_read_last() {
-    for command in [""].iter().chain(&COMMANDS) {
+    for command in [""].iter().chain(COMMANDS) {
         let name = if command.is_empty() { "bustape" } else { command };
         insta::with_settings!({ prepend_module_to_snapshot => false, omit_expression => true }, {
             insta::assert_snapshot!(format!("help-{name}"), help(command));
@@ -138,8 +138,9 @@ fn the_help_tells_the_default_and_the_unit_of_every_option() {
         }
         assert!(blocks.len() > 1, "{text}");
         for block in blocks.iter().filter(|block| block.contains(" <")) {
-            let selects = ["--topics", "--start", "--end", "--filter"];
-            let target = ["--output", "--dir", "--in-place"];
+            let selects =
+                ["--topics", "--start", "--end", "--filter", "--bus", "--message", "--signal"];
+            let target = ["--output", "--dir", "--in-place", "--format"];
             let free = selects.iter().chain(&target).any(|option| block.contains(option));
             assert!(free || block.contains("[default: "), "{command}: no default in {block}");
             let units = ["<TIME>", "<SIZE>"].iter().any(|value| block.contains(value));

@@ -27,6 +27,7 @@ mod cli;
 mod convert;
 mod decoded;
 mod disk;
+mod export;
 mod foxglove;
 mod hostile;
 mod kill;

@@ -7,12 +7,12 @@ use std::sync::Arc;
 use anyhow::Result;
 
 use super::super::output;
-use super::candump::{self, Line};
 use super::{assembly, json, plain};
 use crate::decode::bus::{CanBus, CanItem};
 use crate::decode::can::{Match, Reading};
 use crate::decode::definition::{CanDefinition, RemoteMessage};
 use crate::frame::CanFlags;
+use crate::import::candump::line::{self, Line};
 
 /// Frames of so many buses are put together; no log has as many.
 const MOST_BUSES: usize = 256;
@@ -66,7 +66,7 @@ impl Explainer {
 
     /// Explains one line of candump's; the inner error says why it is none.
     pub fn line(&mut self, text: &str) -> Result<Result<(), String>> {
-        let line = match candump::line(text) {
+        let line = match line::line(text.as_bytes()) {
             Ok(line) => line,
             Err(why) => return Ok(Err(why)),
         };
@@ -79,9 +79,13 @@ impl Explainer {
         bus.timed = line.time.is_some();
         let (definition, readings, json) = (&self.definition, &mut self.found, self.json);
         let mut text = String::new();
-        bus.bus.feed(line.time.unwrap_or_default(), &line.frame, &mut |item| {
-            text.push_str(&explain(&item, &line, definition, readings, json));
-        });
+        bus.bus.feed(
+            line.time.map(line::Time::stamp).unwrap_or_default(),
+            &line.frame,
+            &mut |item| {
+                text.push_str(&explain(&item, &line, definition, readings, json));
+            },
+        );
         self.out.write_all(text.as_bytes())?;
         Ok(Ok(()))
     }

@@ -1,0 +1,100 @@
+//! What a Parquet file says of its columns, and how they are encoded.
+
+use std::sync::Arc;
+
+use parquet::basic::{
+    Compression, Encoding, LogicalType, Repetition, TimeUnit, Type as Physical, ZstdLevel,
+};
+use parquet::errors::Result;
+use parquet::file::metadata::KeyValue;
+use parquet::file::properties::{EnabledStatistics, WriterProperties, WriterPropertiesPtr};
+use parquet::schema::types::{ColumnPath, Type, TypePtr};
+
+use super::arrow_schema::{arrow_schema, width};
+use crate::export::table::{Column, Kind, Table};
+
+/// The columns of a file: `time`, then a column or two for each signal.
+pub fn schema(columns: &[Column]) -> Result<TypePtr> {
+    let stamp = LogicalType::timestamp(true, TimeUnit::NANOS);
+    let time = Type::primitive_type_builder("time", Physical::INT64)
+        .with_logical_type(Some(stamp))
+        .with_repetition(Repetition::REQUIRED);
+    let mut fields = vec![Arc::new(time.build()?)];
+    for column in columns {
+        fields.push(field(&column.name, column.kind)?);
+        if column.labels.is_some() {
+            fields.push(field(&column.label_name(), Kind::Text)?);
+        }
+    }
+    Ok(Arc::new(Type::group_type_builder("table").with_fields(fields).build()?))
+}
+
+fn field(name: &str, kind: Kind) -> Result<TypePtr> {
+    let integer =
+        |bits, signed| Some(LogicalType::integer(i8::try_from(width(bits)).unwrap_or(64), signed));
+    let whole = |bits| if bits <= 32 { Physical::INT32 } else { Physical::INT64 };
+    let (physical, logical) = match kind {
+        Kind::Unsigned(bits) => (whole(bits), integer(bits, false)),
+        Kind::Signed(bits) => (whole(bits), integer(bits, true)),
+        Kind::Float32 => (Physical::FLOAT, None),
+        Kind::Float64 => (Physical::DOUBLE, None),
+        Kind::Text => (Physical::BYTE_ARRAY, Some(LogicalType::String)),
+        Kind::Bytes => (Physical::BYTE_ARRAY, None),
+    };
+    let field = Type::primitive_type_builder(name, physical)
+        .with_logical_type(logical)
+        .with_repetition(Repetition::OPTIONAL);
+    Ok(Arc::new(field.build()?))
+}
+
+/// How the columns are encoded and compressed, and what the file says about its table.
+pub fn properties(table: &Table, level: i32) -> Result<WriterPropertiesPtr> {
+    let mut properties = WriterProperties::builder()
+        .set_created_by(format!("bustape {}", env!("CARGO_PKG_VERSION")))
+        .set_compression(Compression::ZSTD(ZstdLevel::try_new(level)?))
+        .set_dictionary_enabled(false)
+        // Of each row group; those of pages would stay in memory until the file is finished.
+        .set_statistics_enabled(EnabledStatistics::Chunk)
+        .set_offset_index_disabled(true)
+        .set_key_value_metadata(Some(facts(table)))
+        .set_column_encoding(ColumnPath::from("time"), Encoding::DELTA_BINARY_PACKED);
+    for column in &table.columns {
+        let path = ColumnPath::new(vec![column.name.clone()]);
+        properties = match column.kind {
+            _ if column.few_values => properties.set_column_dictionary_enabled(path, true),
+            Kind::Unsigned(bits) | Kind::Signed(bits) if bits > 8 => {
+                properties.set_column_encoding(path, Encoding::DELTA_BINARY_PACKED)
+            }
+            Kind::Unsigned(_) | Kind::Signed(_) | Kind::Text => {
+                properties.set_column_dictionary_enabled(path, true)
+            }
+            Kind::Float32 | Kind::Float64 => properties.set_column_encoding(path, Encoding::PLAIN),
+            Kind::Bytes => properties,
+        };
+        if column.labels.is_some() {
+            let path = ColumnPath::new(vec![column.label_name()]);
+            properties = properties.set_column_dictionary_enabled(path, true);
+        }
+    }
+    Ok(Arc::new(properties.build()))
+}
+
+/// What is known about the table, as key and value metadata of the file.
+fn facts(table: &Table) -> Vec<KeyValue> {
+    let own = [("bus", &table.bus), ("message", &table.message), ("comment", &table.comment)];
+    let more = table.facts.iter().map(|(name, text)| (name.as_str(), text));
+    let facts = own.into_iter().chain(more).filter(|(_, text)| !text.is_empty());
+    let facts = facts.map(|(name, text)| (format!("bustape.{name}"), text.clone()));
+    let facts: Vec<(String, String)> = facts.collect();
+    let mut all = vec![KeyValue::new("ARROW:schema".to_owned(), arrow_schema(table, &facts))];
+    all.extend(facts.into_iter().map(|(key, text)| KeyValue::new(key, text)));
+    for column in &table.columns {
+        for (what, text) in [("unit", &column.unit), ("comment", &column.comment)] {
+            if !text.is_empty() {
+                let key = format!("bustape.{what}.{}", column.name);
+                all.push(KeyValue::new(key, text.clone()));
+            }
+        }
+    }
+    all
+}

@@ -13,10 +13,12 @@
 
 pub mod address;
 pub mod capture;
+pub mod channels;
 pub mod cli;
 pub mod clock;
 pub mod commands;
 pub mod decode;
+pub mod export;
 pub mod frame;
 pub mod import;
 pub mod protocol;

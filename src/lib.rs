@@ -18,6 +18,7 @@ pub mod clock;
 pub mod commands;
 pub mod decode;
 pub mod frame;
+pub mod import;
 pub mod protocol;
 pub mod record;
 pub mod recording;

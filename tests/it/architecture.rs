@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// For each part what it may use: all that there is to know about where a change can have effects.
-const ARROWS: [(&str, &[&str]); 15] = [
+const ARROWS: [(&str, &[&str]); 16] = [
     ("frame", &[]),
     ("clock", &["frame"]),
     ("text", &["frame"]),
@@ -18,6 +18,8 @@ const ARROWS: [(&str, &[&str]); 15] = [
     // What frames mean: no files, no buses.
     ("decode", &["frame"]),
     ("protocol", &["frame"]),
+    // Logs of other tools become frames; what a recording is does not matter here.
+    ("import", &["frame", "text"]),
     ("address", &["capture", "simulate"]),
     ("cli", &["text", "recording"]),
     (
@@ -29,6 +31,7 @@ const ARROWS: [(&str, &[&str]); 15] = [
             "clock",
             "decode",
             "frame",
+            "import",
             "protocol",
             "record",
             "recording",

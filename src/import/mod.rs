@@ -1,5 +1,8 @@
 //! Logs of other tools, read as frames: one reader a format, one shape for what comes out.
 
+pub mod blf;
+mod little_endian;
+
 use std::io;
 
 use crate::frame::{Frame, Stamped};

@@ -17,6 +17,7 @@ pub mod cli;
 pub mod clock;
 pub mod commands;
 pub mod decode;
+pub mod export;
 pub mod frame;
 pub mod import;
 pub mod protocol;

@@ -1,9 +1,13 @@
 //! Every command and option, defined and documented once.
 
+pub mod export;
+
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
+
+use export::ExportArgs;
 
 use crate::recording::writer::Layout;
 use crate::text::{parse_duration, parse_size};
@@ -36,6 +40,8 @@ pub enum Command {
     /// Rewrite a recording: other layout, several segments into one, an unfinished file into a
     /// finished one
     Convert(ConvertArgs),
+    /// Make tables of signals, or logs for other tools
+    Export(Box<ExportArgs>),
     /// List the CAN interfaces and serial ports of this machine
     Ports(PortsArgs),
     /// Record a simulated power station, without any hardware

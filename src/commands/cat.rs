@@ -3,7 +3,7 @@
 pub(super) mod candump;
 mod hex;
 mod json;
-mod select;
+pub(super) mod select;
 
 use std::io::Write;
 

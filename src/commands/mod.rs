@@ -4,7 +4,9 @@ mod cat;
 mod convert;
 mod demo;
 mod explain;
+mod export;
 mod info;
+mod interrupt;
 mod output;
 mod ports;
 mod protocols;
@@ -38,6 +40,7 @@ pub fn main() -> ExitCode {
         Command::Info(args) => info::run(&args),
         Command::Cat(args) => cat::run(&args),
         Command::Convert(args) => convert::run(&args),
+        Command::Export(args) => export::run(&args),
         Command::Ports(args) => ports::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Explain(args) => explain::run(&args),

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// For each part what it may use: all that there is to know about where a change can have effects.
-const ARROWS: [(&str, &[&str]); 16] = [
+const ARROWS: [(&str, &[&str]); 17] = [
     ("frame", &[]),
     ("clock", &["frame"]),
     ("text", &["frame"]),
@@ -20,6 +20,8 @@ const ARROWS: [(&str, &[&str]); 16] = [
     ("protocol", &["frame"]),
     // Logs of other tools become frames; what a recording is does not matter here.
     ("import", &["frame", "text"]),
+    // Tables and logs for other tools; where the frames come from does not matter here.
+    ("export", &["decode", "frame", "text"]),
     ("address", &["capture", "simulate"]),
     ("cli", &["text", "recording"]),
     (
@@ -30,6 +32,7 @@ const ARROWS: [(&str, &[&str]); 16] = [
             "cli",
             "clock",
             "decode",
+            "export",
             "frame",
             "import",
             "protocol",

@@ -93,7 +93,7 @@ fn filters(args: &CatArgs, recording: &Recording) -> Result<Filters> {
 }
 
 /// True if `topic` is what `pattern` says, where `*` stands for any text.
-fn matches(pattern: &str, topic: &str) -> bool {
+pub fn matches(pattern: &str, topic: &str) -> bool {
     let Some((head, tail)) = pattern.split_once('*') else { return pattern == topic };
     let Some(rest) = topic.strip_prefix(head) else { return false };
     let mut ends = (0..=rest.len()).filter(|&at| rest.is_char_boundary(at));

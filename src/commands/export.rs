@@ -1,0 +1,23 @@
+//! `bustape export`: tables of signals, and frames in the formats of other tools.
+
+mod input;
+mod selection;
+mod tables;
+
+use anyhow::Result;
+
+use super::Ended;
+use super::interrupt::Interrupt;
+use crate::cli::export::{ExportArgs, Format};
+use selection::Selection;
+
+/// Runs the command.
+pub fn run(args: &ExportArgs) -> Result<Ended> {
+    let selection = Selection::of(args)?;
+    let interrupt = Interrupt::watch()?;
+    match args.format {
+        Format::Parquet | Format::Csv | Format::Jsonl | Format::Influx => {
+            tables::run(args, &selection, &interrupt)
+        }
+    }
+}

@@ -1,5 +1,6 @@
 //! Out of a recording: tables of signals, and frames in the formats of other tools.
 
+pub mod frames;
 pub mod output;
 
 use std::collections::BTreeMap;

@@ -51,6 +51,8 @@ pub(super) struct Containers<R> {
     /// Bytes of the file.
     pub size: u64,
     open: Option<Open>,
+    /// What stands before the next object belongs to damage that has been counted.
+    counted: bool,
     inflate: Decompress,
     /// How many bytes may still be read twice, so that damage cannot make reading endless.
     again: u64,
@@ -66,6 +68,7 @@ impl<R: Read + Seek> Containers<R> {
             at: at.min(size),
             size,
             open: None,
+            counted: false,
             inflate: Decompress::new(true),
             again: size.saturating_mul(4).saturating_add(64 << 20),
         })
@@ -98,6 +101,7 @@ impl<R: Read + Seek> Containers<R> {
                         || format!("the compression {method} of this container is unknown"),
                     );
                     self.skip_to(start + size, start)?;
+                    self.counted = true;
                     return Ok(Found::Hole);
                 }
             };
@@ -125,6 +129,7 @@ impl<R: Read + Seek> Containers<R> {
             || format!("this object should have {size} bytes, and {left} are left in the file"),
         );
         self.at = start + SIGNATURE.len() as u64;
+        self.counted = true;
         Found::Hole
     }
 
@@ -134,11 +139,11 @@ impl<R: Read + Seek> Containers<R> {
         let found = self.find(from)?;
         let until = found.map_or(self.size, |(_, at)| at);
         // A few bytes round an object up; more were something.
-        if until - from > PADDING as u64 {
+        if until - from > PADDING as u64 && !self.counted {
             let bytes = until - from;
             skipped.add(|| format!("byte {from}"), || format!("{bytes} bytes are no object"));
         }
-        self.at = until;
+        (self.at, self.counted) = (until, false);
         Ok(found)
     }
 
@@ -223,7 +228,11 @@ impl<R: Read + Seek> Containers<R> {
                 let (at, given) = (open.at, open.given);
                 skipped.add(
                     || format!("byte {at}"),
-                    || format!("the file ends inside this container, {given} bytes were left of it"),
+                    || {
+                        format!(
+                            "the file ends inside this container, {given} bytes were left of it"
+                        )
+                    },
                 );
                 break Found::Contents;
             }
@@ -269,6 +278,7 @@ impl<R: Read + Seek> Containers<R> {
     /// Goes back to where a damaged container began, to find the next one even if it began before
     /// this one should have ended.
     fn retreat(&mut self, open: &Open) {
+        self.counted = true;
         let from = open.at + BASE as u64;
         let read = self.at - from;
         if read <= self.again {

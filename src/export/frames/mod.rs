@@ -1,0 +1,4 @@
+//! Frames in the formats of other tools.
+
+pub mod blf;
+pub mod channels;

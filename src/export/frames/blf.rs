@@ -11,7 +11,7 @@ use flate2::{Compress, Compression, FlushCompress, Status};
 use jiff::tz::TimeZone;
 
 use super::super::{BusHead, FrameWriter};
-use super::channels;
+use super::{channels, fd_dlc};
 use crate::frame::{CanFlags, CanFrame, Frame, Stamped, Timestamp, Unit};
 
 /// Contents of a container: what Vector's tools write.
@@ -221,20 +221,6 @@ impl<W: Write> Blf<W> {
             head[56..72].copy_from_slice(&system_time(self.last.nanos()));
         }
         head
-    }
-}
-
-/// The DLC for data of this length: the smallest that has room.
-fn fd_dlc(length: usize) -> u8 {
-    match length {
-        0..=8 => u8::try_from(length).unwrap_or(8),
-        9..=12 => 9,
-        13..=16 => 10,
-        17..=20 => 11,
-        21..=24 => 12,
-        25..=32 => 13,
-        33..=48 => 14,
-        _ => 15,
     }
 }
 

@@ -138,8 +138,10 @@ impl<R: Read + Seek> Containers<R> {
         let from = self.at;
         let found = self.find(from)?;
         let until = found.map_or(self.size, |(_, at)| at);
-        // A few bytes round an object up; more were something.
-        if until - from > PADDING as u64 && !self.counted {
+        // A few bytes round an object up; more were something, and so was what is not zero at the
+        // end of the file.
+        let padding = until - from <= PADDING as u64 && (found.is_some() || self.is_zero(from)?);
+        if !padding && !self.counted {
             let bytes = until - from;
             skipped.add(|| format!("byte {from}"), || format!("{bytes} bytes are no object"));
         }
@@ -165,6 +167,14 @@ impl<R: Read + Seek> Containers<R> {
             }
             at += (block.len() - (BASE - 1)) as u64;
         }
+    }
+
+    /// True if all bytes from `at` to the end of the file are zero.
+    fn is_zero(&mut self, at: u64) -> io::Result<bool> {
+        let mut rest = Vec::new();
+        self.seek(at)?;
+        self.input.by_ref().take(PADDING as u64).read_to_end(&mut rest)?;
+        Ok(rest.iter().all(|byte| *byte == 0))
     }
 
     fn seek(&mut self, to: u64) -> io::Result<()> {

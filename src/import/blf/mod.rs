@@ -273,6 +273,10 @@ impl<R> Blf<R> {
         if std::mem::replace(&mut self.ended, true) {
             return;
         }
+        let left = self.stream.len() - self.at;
+        if self.stream[self.at..].iter().any(|byte| *byte != 0) && !self.lost_place {
+            self.odd(|| format!("only its first {left} bytes are in the file"));
+        }
         // The head is written last: a recorder that was cut off has not said how long the file is.
         let Head { file_size, objects, .. } = self.head;
         let size = self.file.size;

@@ -1,6 +1,7 @@
 //! `bustape export`: tables of signals, and frames in the formats of other tools.
 
 mod decoders;
+mod frames;
 pub(super) mod input;
 mod selection;
 mod tables;
@@ -21,5 +22,6 @@ pub fn run(args: &ExportArgs) -> Result<Ended> {
         Format::Parquet | Format::Csv | Format::Jsonl | Format::Influx => {
             tables::run(args, &selection, &interrupt)
         }
+        _ => frames::run(args, &selection, &interrupt),
     }
 }

@@ -41,6 +41,12 @@ pub struct Log {
     taken: Rc<Cell<u64>>,
 }
 
+impl AsRef<Path> for Log {
+    fn as_ref(&self) -> &Path {
+        &self.path
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &ImportArgs) -> Result<Ended> {
     let start = match &args.start {
@@ -82,7 +88,8 @@ pub fn open(
     Ok((Log { path: path.to_owned(), format, compression, size, taken }, reader))
 }
 
-fn cannot_import(path: &Path, error: &ImportError) -> anyhow::Error {
+/// The sentence for a log that cannot be read.
+pub fn cannot_import(path: &Path, error: &ImportError) -> anyhow::Error {
     match error {
         ImportError::Read(cause) => anyhow::anyhow!("cannot read {}: {cause}", path.display()),
         ImportError::Format(why) => anyhow::anyhow!("cannot import {}: {why}", path.display()),
@@ -179,11 +186,13 @@ fn cannot_write(path: &Path, error: &io::Error) -> anyhow::Error {
     anyhow::anyhow!("cannot write {}: {error}", path.display())
 }
 
-fn failed(logs: &[Log], error: MergeError) -> anyhow::Error {
+/// The sentence for logs that cannot be merged any further.
+pub fn failed(logs: &[impl AsRef<Path>], error: MergeError) -> anyhow::Error {
     match error {
-        MergeError::Log { number, error } => logs
-            .get(number)
-            .map_or_else(|| anyhow::anyhow!("{error}"), |log| cannot_import(&log.path, &error)),
+        MergeError::Log { number, error } => match logs.get(number) {
+            Some(log) => cannot_import(log.as_ref(), &error),
+            None => error.into(),
+        },
         MergeError::Name(why) => UsageError(why).into(),
     }
 }

@@ -11,7 +11,7 @@ use super::selection::Selection;
 use crate::commands::interrupt::Interrupt;
 use crate::commands::{Ended, UsageError, info, output};
 use crate::frame::{Frame, Stamped, Timestamp};
-use crate::import::{LogFrame, LogReader, Settings, format};
+use crate::import::{LogFrame, LogReader, Settings, Skipped, format};
 use crate::recording::reader::{Entry, Recording};
 
 /// Entries between two looks at what a person wants and is told.
@@ -150,7 +150,11 @@ pub fn each_of_logs(
                 break;
             }
         }
-        ended = if say_skipped(path, &*reader) { Ended::WithLoss } else { ended };
+        ended = if say_skipped(path, reader.skipped(), reader.notes()) {
+            Ended::WithLoss
+        } else {
+            ended
+        };
     }
     Ok(ended)
 }
@@ -162,8 +166,7 @@ fn open_log(path: &Path) -> Result<Box<dyn LogReader>> {
 }
 
 /// Says what of a log could not be taken; true if there is anything.
-fn say_skipped(path: &Path, reader: &dyn LogReader) -> bool {
-    let skipped = reader.skipped();
+pub fn say_skipped(path: &Path, skipped: &Skipped, notes: &[String]) -> bool {
     for (place, reason) in &skipped.first {
         output::warning(&format!("{}: {place}: {reason}", path.display()));
     }
@@ -171,7 +174,7 @@ fn say_skipped(path: &Path, reader: &dyn LogReader) -> bool {
     if more > 0 {
         output::warning(&format!("{}: {more} more could not be taken", path.display()));
     }
-    for sentence in reader.notes() {
+    for sentence in notes {
         output::note(&format!("{}: {sentence}", path.display()));
     }
     skipped.count > 0

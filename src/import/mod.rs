@@ -2,6 +2,7 @@
 
 pub mod blf;
 mod little_endian;
+pub mod mf4;
 
 use std::io;
 

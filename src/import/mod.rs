@@ -16,6 +16,7 @@ pub mod raw;
 pub mod trc;
 
 mod little_endian;
+pub mod mf4;
 
 use std::io;
 

@@ -3,6 +3,8 @@
 mod decoders;
 mod frames;
 pub(super) mod input;
+mod report;
+mod routes;
 mod selection;
 mod tables;
 mod target;

@@ -217,6 +217,7 @@ fn column_of(signal: &Signal, whole: Option<Whole>) -> Column {
     Column {
         name: signal.name.clone(),
         kind,
+        few_values: bits <= 8,
         unit: signal.unit.clone(),
         comment: signal.comment.clone(),
         labels: labels.map(|labels| labels.iter().map(|(_, text)| text.clone()).collect()),

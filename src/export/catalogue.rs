@@ -1,9 +1,11 @@
 //! The tables of an export: where their rows come from, and how payloads become rows.
 
+use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::can_table::CanPlan;
-use super::table::{Cell, Row, Table};
+use super::message_table::{Described, MessagePlan};
+use super::table::{Row, Table};
 use crate::decode::can::CanDecoder;
 
 /// A database that frames are decoded with.
@@ -19,10 +21,11 @@ pub struct Definition {
 
 /// Where the rows of a table come from.
 #[derive(Clone, Debug)]
-struct Origin {
-    bus: Arc<str>,
-    definition: u32,
-    message: u32,
+enum Origin {
+    /// Frames of a bus that are a message of a definition.
+    Can { bus: Arc<str>, definition: u32, message: u32 },
+    /// A decoded channel.
+    Message(Box<(MessagePlan, Table)>),
 }
 
 /// How payloads become rows of one table.
@@ -30,37 +33,36 @@ struct Origin {
 pub enum Plan {
     /// Payloads are the data of CAN frames.
     Can(CanPlan),
+    /// Payloads are encoded messages.
+    Message(MessagePlan),
 }
 
 impl Plan {
-    /// Gives each value of a payload to `visit`, with its column.
-    #[inline]
-    pub fn visit(&self, payload: &[u8], visit: impl FnMut(usize, Cell)) {
-        match self {
-            Self::Can(plan) => plan.visit(payload, visit),
-        }
-    }
-
     /// Makes a row of a payload.
     pub fn row(&self, payload: &[u8], row: &mut Row) {
         match self {
             Self::Can(plan) => plan.row(payload, row),
+            Self::Message(plan) => {
+                plan.row(payload, row);
+            }
         }
     }
 }
 
-/// The tables seen so far, by their number. Small, also with thousands of tables: what a table
-/// looks like is worked out when it is asked for.
+/// The tables seen so far, by their number. Small, also with thousands of tables: what a table of
+/// frames looks like is worked out when it is asked for.
 pub struct Catalogue {
     definitions: Vec<Definition>,
     origins: Vec<Origin>,
+    /// How many tables have a name; those of decoded channels may share one.
+    names: HashMap<(String, String), u32>,
     wanted: Box<dyn Fn(&str) -> bool>,
 }
 
 impl Catalogue {
     /// Of messages of `definitions`, with the signals that are `wanted`.
     pub fn new(definitions: Vec<Definition>, wanted: Box<dyn Fn(&str) -> bool>) -> Self {
-        Self { definitions, origins: Vec::new(), wanted }
+        Self { definitions, origins: Vec::new(), names: HashMap::new(), wanted }
     }
 
     /// The databases.
@@ -75,9 +77,31 @@ impl Catalogue {
         if !signals.iter().any(|signal| (self.wanted)(&signal.name)) {
             return None;
         }
-        let number = u32::try_from(self.origins.len()).ok()?;
         let (definition, message) = (u32::try_from(definition).ok()?, u32::try_from(message).ok()?);
-        self.origins.push(Origin { bus: Arc::clone(bus), definition, message });
+        self.push(Origin::Can { bus: Arc::clone(bus), definition, message })
+    }
+
+    /// Adds the table of a decoded channel; its number. A name that another schema has already gets
+    /// a number behind it.
+    pub fn add_message(
+        &mut self,
+        described: &Described<'_>,
+        facts: &[(String, String)],
+    ) -> Option<u32> {
+        let (plan, mut table) = MessagePlan::new(described, &self.wanted)?;
+        let key = (table.bus.clone(), table.message.clone());
+        let count = self.names.entry(key).or_default();
+        *count += 1;
+        if *count > 1 {
+            table.message = format!("{}_{count}", table.message);
+        }
+        table.facts.extend_from_slice(facts);
+        self.push(Origin::Message(Box::new((plan, table))))
+    }
+
+    fn push(&mut self, origin: Origin) -> Option<u32> {
+        let number = u32::try_from(self.origins.len()).ok()?;
+        self.origins.push(origin);
         Some(number)
     }
 
@@ -93,13 +117,26 @@ impl Catalogue {
 
     /// What table number `table` looks like, and how payloads become its rows.
     pub fn table(&self, table: u32) -> Option<(Plan, Table)> {
-        let origin = self.origins.get(table as usize)?;
-        let definition = self.definitions.get(origin.definition as usize)?;
-        let message = origin.message as usize;
-        let (plan, mut table) =
-            CanPlan::new(&definition.decoder, message, &origin.bus, &self.wanted)?;
-        table.facts.push(("definition".to_owned(), definition.name.clone()));
-        table.facts.push(("definition_sha256".to_owned(), definition.sha256.clone()));
-        Some((Plan::Can(plan), table))
+        match self.origins.get(table as usize)? {
+            Origin::Can { bus, definition, message } => {
+                let definition = self.definitions.get(*definition as usize)?;
+                let message = *message as usize;
+                let (plan, mut table) =
+                    CanPlan::new(&definition.decoder, message, bus, &self.wanted)?;
+                table.facts.push(("definition".to_owned(), definition.name.clone()));
+                table.facts.push(("definition_sha256".to_owned(), definition.sha256.clone()));
+                Some((Plan::Can(plan), table))
+            }
+            Origin::Message(known) => {
+                let (plan, table) = &**known;
+                Some((Plan::Message(plan.clone()), table.clone()))
+            }
+        }
+    }
+
+    /// All tables.
+    pub fn tables(&self) -> Vec<Table> {
+        let numbers = 0..u32::try_from(self.len()).unwrap_or(u32::MAX);
+        numbers.filter_map(|number| self.table(number)).map(|(_, table)| table).collect()
     }
 }

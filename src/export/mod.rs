@@ -3,10 +3,15 @@
 pub mod can_table;
 pub mod catalogue;
 pub mod frames;
+pub mod message_table;
 pub mod output;
 pub mod parquet;
 pub mod period;
+pub mod rows;
+pub mod shape;
+pub mod stream;
 pub mod table;
+pub mod text;
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -29,6 +34,10 @@ pub trait TableWriter {
     fn finish(&mut self, catalogue: &Catalogue) -> io::Result<()>;
     /// Files written so far.
     fn files(&self) -> u64;
+    /// Sentences about what was done differently from what one might expect.
+    fn notes(&self) -> Vec<String> {
+        Vec::new()
+    }
 }
 
 /// A name of a bus or message as part of a path: what is no letter, digit, `_`, `-` or `.` is

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 /// What a column holds.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Kind {
     /// Integers from 0, of so many bits (1 to 64).
     Unsigned(u8),
@@ -12,6 +12,7 @@ pub enum Kind {
     /// IEEE 754, 32 bits.
     Float32,
     /// IEEE 754, 64 bits.
+    #[default]
     Float64,
     /// UTF-8.
     Text,
@@ -20,7 +21,7 @@ pub enum Kind {
 }
 
 /// A column.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Column {
     /// Its name; unique in the table.
     pub name: String,
@@ -30,6 +31,8 @@ pub struct Column {
     pub unit: String,
     /// What it is, may be empty.
     pub comment: String,
+    /// It has at most 256 different values.
+    pub few_values: bool,
     /// Texts of some of its values; a cell says which by its index. A table has another column for
     /// them, [`Column::label_name`].
     pub labels: Option<Arc<[Box<str>]>>,
@@ -43,7 +46,7 @@ impl Column {
 }
 
 /// A table: each time a message was seen on a bus.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Table {
     /// Name of the bus.
     pub bus: String,
@@ -97,6 +100,27 @@ impl Row {
         self.cells.clear();
         self.cells.resize(columns, Cell::default());
         self.text.clear();
+    }
+
+    /// Appends a value.
+    pub fn push(&mut self, value: Value) {
+        self.cells.push(Cell { value, label: None });
+    }
+
+    /// Appends bytes.
+    pub fn push_bytes(&mut self, bytes: &[u8]) {
+        let place = |at| u32::try_from(at).unwrap_or(u32::MAX);
+        let from = place(self.text.len());
+        self.text.extend_from_slice(bytes);
+        self.push(Value::Text(from, place(self.text.len())));
+    }
+
+    /// Appends a text, or its absence.
+    pub fn push_text(&mut self, text: Option<&str>) {
+        match text {
+            Some(text) => self.push_bytes(text.as_bytes()),
+            None => self.push(Value::Absent),
+        }
     }
 
     /// The bytes of a text value.

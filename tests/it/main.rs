@@ -25,6 +25,7 @@ mod cat;
 mod cli;
 mod convert;
 mod disk;
+mod export;
 mod hostile;
 mod import;
 mod kill;

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use anyhow::{Result, bail};
 use sha2::{Digest as _, Sha256};
 
+use super::input::Source;
 use crate::commands::{UsageError, explain, protocols};
 use crate::decode::can::CanDecoder;
 use crate::decode::protocol::CanProtocol;
@@ -76,9 +77,28 @@ impl Decoders {
         named.or_else(other).map(|(_, index)| *index)
     }
 
-    /// Buses that were named.
-    pub fn buses(&self) -> impl Iterator<Item = &str> {
-        self.routes.iter().filter_map(|(bus, _)| bus.as_deref())
+    /// An error if a bus was named that the recording does not have, or if nothing tells what the
+    /// frames of a log mean. The buses of a log are known at its end only.
+    pub fn check(&self, source: &Source) -> Result<()> {
+        let Source::Recording(recording) = source else {
+            if self.definitions.is_empty() {
+                bail!(UsageError(
+                    "nothing says what the frames of a log mean; give --decode PROTOCOL, or \
+                     --shape frames for the frames as they are"
+                        .to_owned()
+                ));
+            }
+            return Ok(());
+        };
+        for bus in self.routes.iter().filter_map(|(bus, _)| bus.as_ref()) {
+            if !recording.buses.contains(bus) {
+                let buses = recording.buses.join(", ");
+                bail!(UsageError(format!(
+                    "--decode {bus}=...: there is no bus {bus}, only {buses}"
+                )));
+            }
+        }
+        Ok(())
     }
 }
 

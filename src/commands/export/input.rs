@@ -11,17 +11,19 @@ use super::selection::Selection;
 use crate::commands::interrupt::Interrupt;
 use crate::commands::{Ended, UsageError, info, output};
 use crate::frame::{Frame, Stamped, Timestamp};
-use crate::import::{LogFrame, LogReader, Settings, Skipped, format};
+use crate::import::{LogFrame, Settings, Skipped, format};
 use crate::recording::reader::{Entry, Recording};
 
 /// Entries between two looks at what a person wants and is told.
 const PACE: u32 = 1 << 14;
 
-/// Gives everything on the wanted topics to `visit`, in time order, and says what could not be read.
+/// Gives everything on the wanted topics to `visit`, in time order, and says what could not
+/// be read unless `quiet`.
 pub fn each(
     recording: &Recording,
     range: RangeInclusive<Timestamp>,
     interrupt: &Interrupt,
+    quiet: bool,
     wanted: impl Fn(&str) -> bool,
     mut visit: impl FnMut(&Stamped<Entry>) -> Result<()>,
 ) -> Result<Ended> {
@@ -38,6 +40,9 @@ pub fn each(
     }
     interrupt.check()?;
     progress.clear();
+    if quiet {
+        return Ok(Ended::Well);
+    }
     let damage = entries.damage();
     for sentence in damage {
         output::warning(sentence);
@@ -113,6 +118,10 @@ fn is_recording(path: &Path) -> Result<bool> {
     if path.is_dir() {
         return Ok(true);
     }
+    // Of a pipe, and stdin, nothing may be taken before its turn has come.
+    if path.as_os_str() == "-" || path.metadata().is_ok_and(|about| !about.is_file()) {
+        return Ok(false);
+    }
     let mut head = Vec::new();
     let file = File::open(path).with_context(unreadable)?;
     file.take(mcap::MAGIC.len() as u64).read_to_end(&mut head).with_context(unreadable)?;
@@ -124,6 +133,7 @@ pub fn each_of_logs(
     logs: &[PathBuf],
     selection: &Selection,
     interrupt: &Interrupt,
+    quiet: bool,
     mut visit: impl FnMut(&str, &Stamped<Frame>) -> Result<()>,
 ) -> Result<Ended> {
     let mut ended = Ended::Well;
@@ -131,7 +141,9 @@ pub fn each_of_logs(
     let mut frames = Vec::new();
     for path in logs {
         let unreadable = || format!("cannot read {}", path.display());
-        let mut reader = open_log(path)?;
+        let opened = format::open(path, None, &Settings::default()).with_context(unreadable)?;
+        let (size, taken, mut reader) = (opened.size.unwrap_or(0), opened.taken, opened.reader);
+        let mut progress = Progress::new(size);
         loop {
             frames.clear();
             let more = reader.read(&mut frames).with_context(unreadable)?;
@@ -146,23 +158,19 @@ pub fn each_of_logs(
                 }
             }
             interrupt.check()?;
+            if size > 0 {
+                progress.show(size.saturating_sub(taken.get()));
+            }
             if !more {
                 break;
             }
         }
-        ended = if say_skipped(path, reader.skipped(), reader.notes()) {
-            Ended::WithLoss
-        } else {
-            ended
-        };
+        progress.clear();
+        if !quiet && say_skipped(path, reader.skipped(), reader.notes()) {
+            ended = Ended::WithLoss;
+        }
     }
     Ok(ended)
-}
-
-/// A log of another tool, its format found by its content.
-fn open_log(path: &Path) -> Result<Box<dyn LogReader>> {
-    let opened = format::open(path, None, &Settings::default());
-    Ok(opened.with_context(|| format!("cannot read {}", path.display()))?.reader)
 }
 
 /// Says what of a log could not be taken; true if there is anything.

@@ -14,11 +14,11 @@ use crate::export::catalogue::{Catalogue, Plan};
 use crate::export::output::{about, part_of};
 use crate::export::path_name;
 use crate::export::period::Split;
-use crate::export::table::Table;
+use crate::export::table::{Row, Table, Value};
 use crate::frame::Timestamp;
 
 /// Memory for rows that wait.
-const WAITING: usize = 20 << 20;
+const WAITING: usize = 14 << 20;
 /// Memory for the columns of a row group.
 const GROUP: usize = 8 << 20;
 /// Fewer rows than this become a row group only at the end.
@@ -200,13 +200,14 @@ struct Group<'a> {
     most: usize,
     times: Vec<i64>,
     columns: Vec<SignalData>,
+    row: Row,
 }
 
 impl<'a> Group<'a> {
     fn new(table: &Table, plan: &'a Plan) -> Self {
         let most = (GROUP / row_bytes(&table.columns)).max(1);
         let columns = table.columns.iter().map(SignalData::new).collect();
-        Self { plan, most, times: Vec::new(), columns }
+        Self { plan, most, times: Vec::new(), columns, row: Row::default() }
     }
 
     /// Takes rows, and writes those that are enough for a group.
@@ -224,11 +225,25 @@ impl<'a> Group<'a> {
             // Times end in the year 2262, where i64 ends too.
             self.times.push(i64::try_from(time).unwrap_or(i64::MAX));
             let columns = &mut self.columns;
-            self.plan.visit(payload, |column, cell| {
-                if let Some(column) = columns.get_mut(column) {
-                    column.push(cell);
+            match self.plan {
+                Plan::Can(plan) => plan.visit(payload, |column, cell| {
+                    if let Some(column) = columns.get_mut(column) {
+                        column.push(cell);
+                    }
+                }),
+                Plan::Message(plan) => {
+                    plan.row(payload, &mut self.row);
+                    for (column, cell) in columns.iter_mut().zip(&self.row.cells) {
+                        match cell.value {
+                            Value::Text(from, to) => {
+                                let bytes = self.row.text(from, to).to_vec();
+                                column.values.push_bytes(bytes.into());
+                            }
+                            _ => column.push(*cell),
+                        }
+                    }
                 }
-            });
+            }
             for column in columns {
                 if column.values.rows() < self.times.len() {
                     column.push_absent();

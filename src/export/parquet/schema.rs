@@ -10,10 +10,8 @@ use parquet::file::metadata::KeyValue;
 use parquet::file::properties::{EnabledStatistics, WriterProperties, WriterPropertiesPtr};
 use parquet::schema::types::{ColumnPath, Type, TypePtr};
 
+use super::arrow_schema::{arrow_schema, width};
 use crate::export::table::{Column, Kind, Table};
-
-/// Integers of so many bits have few enough values for a dictionary.
-const FEW_VALUES: u8 = 8;
 
 /// The columns of a file: `time`, then a column or two for each signal.
 pub fn schema(columns: &[Column]) -> Result<TypePtr> {
@@ -32,13 +30,7 @@ pub fn schema(columns: &[Column]) -> Result<TypePtr> {
 }
 
 fn field(name: &str, kind: Kind) -> Result<TypePtr> {
-    let width = |bits: u8| match bits {
-        0..=8 => 8,
-        9..=16 => 16,
-        17..=32 => 32,
-        _ => 64,
-    };
-    let integer = |bits, signed| Some(LogicalType::integer(width(bits), signed));
+    let integer = |bits, signed| Some(LogicalType::integer(i8::try_from(width(bits)).unwrap_or(64), signed));
     let whole = |bits| if bits <= 32 { Physical::INT32 } else { Physical::INT64 };
     let (physical, logical) = match kind {
         Kind::Unsigned(bits) => (whole(bits), integer(bits, false)),
@@ -68,7 +60,8 @@ pub fn properties(table: &Table, level: i32) -> Result<WriterPropertiesPtr> {
     for column in &table.columns {
         let path = ColumnPath::new(vec![column.name.clone()]);
         properties = match column.kind {
-            Kind::Unsigned(bits) | Kind::Signed(bits) if bits > FEW_VALUES => {
+            _ if column.few_values => properties.set_column_dictionary_enabled(path, true),
+            Kind::Unsigned(bits) | Kind::Signed(bits) if bits > 8 => {
                 properties.set_column_encoding(path, Encoding::DELTA_BINARY_PACKED)
             }
             Kind::Unsigned(_) | Kind::Signed(_) | Kind::Text => {
@@ -87,7 +80,7 @@ pub fn properties(table: &Table, level: i32) -> Result<WriterPropertiesPtr> {
 
 /// What is known about the table, as key and value metadata of the file.
 fn facts(table: &Table) -> Vec<KeyValue> {
-    let mut facts = Vec::new();
+    let mut facts = vec![KeyValue::new("ARROW:schema".to_owned(), arrow_schema(table))];
     let mut put = |key: String, text: &str| {
         if !text.is_empty() {
             facts.push(KeyValue::new(key, text.to_owned()));

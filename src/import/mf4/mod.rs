@@ -40,7 +40,7 @@ pub fn recognises(head: &[u8]) -> bool {
 ///
 /// # Errors
 /// It cannot be read, or is no MDF file of version 4.
-pub fn open<R: Read + Seek>(input: R) -> Result<impl LogReader, ImportError> {
+pub fn open<R: Read + Seek>(input: R) -> Result<impl LogReader + use<R>, ImportError> {
     let mut file = File::new(input)?;
     let mut head = Vec::new();
     file.read(0, IDENTIFICATION, &mut head)?;

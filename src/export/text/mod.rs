@@ -1,0 +1,124 @@
+//! Text formats: CSV, JSON lines, InfluxDB line protocol.
+
+pub mod csv;
+pub mod csv_folder;
+pub mod influx;
+pub mod jsonl;
+
+use crate::export::table::{Row, Value};
+use crate::frame::Timestamp;
+use crate::text::rfc3339;
+
+const SECOND: u64 = 1_000_000_000;
+
+/// How times are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TimeStyle {
+    /// RFC 3339, nanoseconds, UTC.
+    Iso,
+    /// Seconds since 1970, nine decimals.
+    Epoch,
+}
+
+/// Writes times; remembers the text of the last second.
+#[derive(Debug)]
+pub struct Clock {
+    style: TimeStyle,
+    second: u64,
+    text: String,
+}
+
+impl Clock {
+    /// In this style.
+    pub fn new(style: TimeStyle) -> Self {
+        Self { style, second: u64::MAX, text: String::new() }
+    }
+
+    /// Appends a time.
+    pub fn put(&mut self, out: &mut Vec<u8>, time: Timestamp) {
+        let (second, nanos) = (time.nanos() / SECOND, time.nanos() % SECOND);
+        if second != self.second {
+            self.second = second;
+            self.text = match self.style {
+                TimeStyle::Iso => {
+                    let mut text = rfc3339(Timestamp(second * SECOND));
+                    text.truncate("2026-11-22T03:15:00".len());
+                    text
+                }
+                TimeStyle::Epoch => second.to_string(),
+            };
+        }
+        out.extend_from_slice(self.text.as_bytes());
+        let mut fraction = *b".000000000Z";
+        let mut rest = nanos;
+        for digit in fraction[1..10].iter_mut().rev() {
+            // A digit.
+            *digit = b'0' + u8::try_from(rest % 10).unwrap_or(0);
+            rest /= 10;
+        }
+        let length = if self.style == TimeStyle::Iso { 11 } else { 10 };
+        out.extend_from_slice(&fraction[..length]);
+    }
+}
+
+/// Appends an integer.
+pub fn put_integer(out: &mut Vec<u8>, number: impl itoa::Integer) {
+    out.extend_from_slice(itoa::Buffer::new().format(number).as_bytes());
+}
+
+/// Appends the shortest text that means this finite number, without a trailing `.0`.
+pub fn put_float(out: &mut Vec<u8>, number: f64, single: bool) {
+    let mut buffer = zmij::Buffer::new();
+    #[allow(clippy::cast_possible_truncation, reason = "it was 32 bits before")]
+    let text =
+        if single { buffer.format_finite(number as f32) } else { buffer.format_finite(number) };
+    out.extend_from_slice(text.strip_suffix(".0").unwrap_or(text).as_bytes());
+}
+
+/// The text of a text value; bytes as hexadecimal digits when `hex`.
+pub fn text_of(row: &Row, value: Value, hex: bool) -> Option<std::borrow::Cow<'_, str>> {
+    let Value::Text(from, to) = value else { return None };
+    let bytes = row.text(from, to);
+    if !hex {
+        return Some(String::from_utf8_lossy(bytes));
+    }
+    const DIGITS: &[u8; 16] = b"0123456789ABCDEF";
+    let digits = bytes.iter().flat_map(|byte| [byte >> 4, byte & 15]);
+    Some(digits.map(|digit| char::from(DIGITS[usize::from(digit)])).collect::<String>().into())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_as_short_as_they_can_be_and_mean_the_same() {
+        let text = |number: f64, single| {
+            let mut out = Vec::new();
+            put_float(&mut out, number, single);
+            String::from_utf8(out).unwrap()
+        };
+        assert_eq!(text(40.0, false), "40");
+        assert_eq!(text(0.1 + 0.2, false), "0.30000000000000004");
+        assert_eq!(text(f64::from(0.1_f32), true), "0.1");
+        for number in [1e300, 5e-324, -0.0, 123_456_789.125, 1e15, 1e16, 1e-7] {
+            assert_eq!(text(number, false).parse::<f64>().unwrap().to_bits(), number.to_bits());
+        }
+    }
+
+    #[test]
+    fn times_keep_their_nanoseconds() {
+        let text = |style| {
+            let mut clock = Clock::new(style);
+            let mut out = Vec::new();
+            for nanos in [1_700_000_000_000_000_001, 1_700_000_000_999_999_999] {
+                clock.put(&mut out, Timestamp(nanos));
+                out.push(b' ');
+            }
+            String::from_utf8(out).unwrap()
+        };
+        let iso = "2023-11-14T22:13:20.000000001Z 2023-11-14T22:13:20.999999999Z ";
+        assert_eq!(text(TimeStyle::Iso), iso);
+        assert_eq!(text(TimeStyle::Epoch), "1700000000.000000001 1700000000.999999999 ");
+    }
+}

@@ -45,7 +45,8 @@ struct Numbers(u64);
 
 impl Numbers {
     fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 =
+            self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         self.0 >> 11 ^ self.0 << 30
     }
 }
@@ -75,7 +76,13 @@ fn log(count: u64) -> String {
             }
             5 => format!("201#{random:016X}"),
             // Unknown, and a request without data.
-            _ => if random % 2 == 0 { "7DF#0102".to_owned() } else { "123#R8".to_owned() },
+            _ => {
+                if random % 2 == 0 {
+                    "7DF#0102".to_owned()
+                } else {
+                    "123#R8".to_owned()
+                }
+            }
         };
         writeln!(text, "({}.{:06}) can0 {data}", time / 1_000_000, time % 1_000_000).unwrap();
     }
@@ -163,8 +170,16 @@ fn a_dataset_is_read_by_pyarrow_pandas_and_duckdb_as_cantools_decodes_the_frames
     let names = names.map(|name| format!("bus=can0/message={name}/part-0000.parquet"));
     assert_eq!(files(&inputs.path("trip")), names);
     let kinds = [
-        "Speed=double", "Torque=double", "Gear=uint8", "Temp=int16", "Count=uint32", "Left=int16",
-        "Single=float", "Double=double", "Whole=uint64", "Always=int8",
+        "Speed=double",
+        "Torque=double",
+        "Gear=uint8",
+        "Temp=int16",
+        "Count=uint32",
+        "Left=int16",
+        "Single=float",
+        "Double=double",
+        "Whole=uint64",
+        "Always=int8",
         "Gear_label=dictionary<values=string, indices=int32, ordered=0>",
     ];
     let equal = inputs.check("pyarrow", "trip", &kinds);
@@ -213,16 +228,15 @@ fn text_formats_say_what_cantools_decodes() {
     assert_eq!(equal.0, ROWS);
     inputs.export("epoch", &["--format", "csv", "--time", "epoch", "--units"]).expect(0);
     let engine = fs::read_to_string(inputs.path("epoch/can0/EngineData.csv")).unwrap();
-    let head = "time,Speed [km/h],Torque [Nm],Gear,Gear_label,Temp [degC],Count\r\n1700000000.000000000,";
+    let head =
+        "time,Speed [km/h],Torque [Nm],Gear,Gear_label,Temp [degC],Count\r\n1700000000.000000000,";
     assert!(engine.starts_with(head), "{engine}");
     for (format, out) in [("jsonl", "a.jsonl"), ("influx", "a.influx")] {
         inputs.export(out, &["--format", format]).expect(0);
         assert_eq!(inputs.check(format, out, &[]), equal, "{format}");
         let stdout = inputs.path("can.log");
         let dbc = inputs.path("car.dbc");
-        let all = args(&[
-            &"export", &stdout, &"--decode", &dbc, &"--format", &format, &"-o", &"-",
-        ]);
+        let all = args(&[&"export", &stdout, &"--decode", &dbc, &"--format", &format, &"-o", &"-"]);
         assert!(bustape(all).expect(0).out == fs::read_to_string(inputs.path(out)).unwrap());
     }
 }
@@ -255,7 +269,8 @@ fn raw_frames_become_a_table_too() {
     let export = |format: &str, out: &str| {
         let log = inputs.path("can.log");
         let out = inputs.path(out);
-        let all = args(&[&"export", &log, &"--format", &format, &"--shape", &"frames", &"-o", &out]);
+        let all =
+            args(&[&"export", &log, &"--format", &format, &"--shape", &"frames", &"-o", &out]);
         bustape(all).expect(0)
     };
     export("csv", "frames.csv");
@@ -321,7 +336,10 @@ fn what_is_selected_is_exported_and_nothing_else() {
         names.dedup();
         names
     };
-    assert_eq!(signals(&head(&["--message", "E*Data", "--signal", "T*,Gear"])), ["Gear", "Temp", "Torque"]);
+    assert_eq!(
+        signals(&head(&["--message", "E*Data", "--signal", "T*,Gear"])),
+        ["Gear", "Temp", "Torque"]
+    );
     assert_eq!(signals(&head(&["--signal", "*le"])), ["Double", "Single", "Whole"]);
     let some = head(&["--start", "+100ms", "--end", "2023-11-14T22:13:20.2Z", "--signal", "Whole"]);
     let times: Vec<&str> = some.lines().skip(1).map(|line| &line[..29]).collect();
@@ -344,7 +362,10 @@ fn days_and_hours_get_files_of_their_own() {
     fs::write(inputs.path("plain.log"), &text).unwrap();
     inputs.export("days", &["--format", "parquet", "--split", "day"]).expect(0);
     let days = ["part-2023-11-14-0000.parquet", "part-2023-11-15-0001.parquet"];
-    assert_eq!(files(&inputs.path("days")), days.map(|day| format!("bus=can0/message=Large/{day}")));
+    assert_eq!(
+        files(&inputs.path("days")),
+        days.map(|day| format!("bus=can0/message=Large/{day}"))
+    );
     assert_eq!(inputs.check("duckdb", "days", &[]).0, 12);
     inputs.export("hours", &["--format", "csv", "--split", "hour"]).expect(0);
     let hours = ["Large-2023-11-14T23.csv", "Large-2023-11-15T00.csv"];
@@ -369,7 +390,8 @@ fn names_and_texts_of_a_database_can_harm_neither_a_spreadsheet_nor_a_terminal()
         assert!(!text.contains(['\x1b', '\x07', '\u{202e}']), "{text}");
     }
     assert!(!text.contains(['\x1b', '\x07', '\u{202e}']), "{text}");
-    let labels: Vec<&str> = text.lines().skip(1).map(|l| l.splitn(3, ',').nth(2).unwrap()).collect();
+    let labels: Vec<&str> =
+        text.lines().skip(1).map(|l| l.splitn(3, ',').nth(2).unwrap()).collect();
     let safe = ["'=1+1", "'+SUM(A1)", "'@x", "a\\u{1b}]0;b\\u{7}", "'-2+3", "a\\u{202e}b"];
     assert_eq!(labels, safe);
     // A unit does not begin its cell.
@@ -403,13 +425,12 @@ fn an_export_that_is_interrupted_leaves_nothing_that_looks_complete() {
     let inputs = Inputs::new(0);
     let fifo = inputs.path("fifo.log");
     nix::unistd::mkfifo(&fifo, nix::sys::stat::Mode::S_IRWXU).unwrap();
-    for (signal, format) in [
-        (Signal::SIGKILL, "csv"), (Signal::SIGTERM, "csv"), (Signal::SIGINT, "parquet"),
-    ] {
+    for (signal, format) in
+        [(Signal::SIGKILL, "csv"), (Signal::SIGTERM, "csv"), (Signal::SIGINT, "parquet")]
+    {
         let (dbc, out) = (inputs.path("car.dbc"), inputs.path("out"));
-        let running = start(args(&[
-            &"export", &fifo, &"--decode", &dbc, &"--format", &format, &"-o", &out,
-        ]));
+        let running =
+            start(args(&[&"export", &fifo, &"--decode", &dbc, &"--format", &format, &"-o", &out]));
         let mut pipe = fs::File::options().write(true).open(&fifo).unwrap();
         pipe.write_all(log(70_000).as_bytes()).unwrap();
         let part = inputs.path("out.part");
@@ -431,7 +452,10 @@ fn an_export_that_is_interrupted_leaves_nothing_that_looks_complete() {
         assert!(!out.exists());
         if signal == Signal::SIGKILL {
             let left = files(&part);
-            assert!(!left.is_empty() && left.iter().all(|name| name.ends_with(".part")), "{left:?}");
+            assert!(
+                !left.is_empty() && left.iter().all(|name| name.ends_with(".part")),
+                "{left:?}"
+            );
             fs::remove_dir_all(&part).unwrap();
         } else {
             let ran = ran.expect(1);
@@ -472,7 +496,11 @@ fn memory_does_not_grow_with_the_input() {
         let mut python = peers::python("peak_memory.py");
         python.arg(BUSTAPE).arg("export").args(std::iter::repeat_n(&log, times));
         python.arg("--decode").arg(inputs.path("car.dbc")).args(["--format", format, "-o"]);
-        spawn_quiet(python.arg(inputs.path(&format!("{format}{times}")))).out.trim().parse().unwrap()
+        spawn_quiet(python.arg(inputs.path(&format!("{format}{times}"))))
+            .out
+            .trim()
+            .parse()
+            .unwrap()
     };
     for format in ["parquet", "csv"] {
         let (small, large) = (peak(format, 5), peak(format, 15));

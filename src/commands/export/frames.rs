@@ -82,7 +82,7 @@ impl Export {
         let origin = recording.span().map_or(Timestamp(0), |span| span.0);
         let range = selection.range(origin)?;
         let wanted = |topic: &str| topic.ends_with("/raw") || topic.ends_with("/gaps");
-        input::each(recording, range, interrupt, wanted, |entry| match &entry.value {
+        input::each(recording, range, interrupt, false, wanted, |entry| match &entry.value {
             Entry::Frame(bus, frame) => self.frame(*bus, entry.time, frame),
             Entry::Message { .. } => Ok(()),
         })

@@ -30,7 +30,8 @@ pub fn schema(columns: &[Column]) -> Result<TypePtr> {
 }
 
 fn field(name: &str, kind: Kind) -> Result<TypePtr> {
-    let integer = |bits, signed| Some(LogicalType::integer(i8::try_from(width(bits)).unwrap_or(64), signed));
+    let integer =
+        |bits, signed| Some(LogicalType::integer(i8::try_from(width(bits)).unwrap_or(64), signed));
     let whole = |bits| if bits <= 32 { Physical::INT32 } else { Physical::INT64 };
     let (physical, logical) = match kind {
         Kind::Unsigned(bits) => (whole(bits), integer(bits, false)),

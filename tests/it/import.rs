@@ -108,10 +108,10 @@ fn a_log_in_no_order_keeps_every_frame_in_both_layouts() {
     let path = |name: &str| folder.path().join(name);
     // Two captures of the same minutes, one behind the other: far more than the window.
     let line = |n: usize| format!("(17000{n:05}.000001) can0 123#{n:08X}\n");
-    let half: String = (0..40_000).step_by(2).map(line).collect();
-    let other: String = (1..40_000).step_by(2).map(line).collect();
+    let half: String = (0..90_000).step_by(2).map(line).collect();
+    let other: String = (1..90_000).step_by(2).map(line).collect();
     fs::write(path("a.log"), format!("{half}{other}")).unwrap();
-    let sorted: String = (0..40_000).map(line).collect();
+    let sorted: String = (0..90_000).map(line).collect();
     for layout in ["frame", "batch"] {
         let ran = import(&["--layout", layout], &[&path("a.log")], &path(layout)).expect(0);
         assert!(ran.err.contains("stood more than 16,384 frames too late"), "{}", ran.err);

@@ -71,7 +71,7 @@ pub fn run(args: &ImportArgs) -> Result<Ended> {
     for (from, to) in names.changed() {
         output::note(&format!("bus \"{from}\" is named {to}, since names have no such characters"));
     }
-    report.say(args.json)
+    Ok(report.say(args.json))
 }
 
 /// Opens a log as a person named it.

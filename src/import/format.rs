@@ -51,7 +51,7 @@ impl Format {
     /// The format of a log with this beginning.
     pub fn of(head: &[u8]) -> Option<Self> {
         // From those that a few bytes tell for certain to those that a text may resemble.
-        let known: [(Self, fn(&[u8]) -> bool); 7] = [
+        let known: [(Self, Recognises); 7] = [
             (Self::Blf, blf::recognises),
             (Self::Mf4, mf4::recognises),
             (Self::Pcap, pcap::recognises),
@@ -63,6 +63,9 @@ impl Format {
         known.into_iter().find(|(_, recognises)| recognises(head)).map(|(format, _)| format)
     }
 }
+
+/// Tells a format by the first bytes.
+type Recognises = fn(&[u8]) -> bool;
 
 /// A log that is open.
 pub struct Opened {

@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
 use serde_json::{Value, json};
 
 use super::books::Books;
@@ -51,7 +50,7 @@ impl Report {
     }
 
     /// Says it, and how the command ended.
-    pub fn say(&self, json: bool) -> Result<Ended> {
+    pub fn say(&self, json: bool) -> Ended {
         let read: u64 = self.logs.iter().map(|log| log.frames).sum();
         let skipped: u64 = self.logs.iter().map(|log| log.skipped.count).sum();
         for log in &self.logs {
@@ -81,7 +80,7 @@ impl Report {
             ));
         }
         let complete = skipped == 0 && read == self.books.frames;
-        Ok(if complete { Ended::Well } else { Ended::WithLoss })
+        if complete { Ended::Well } else { Ended::WithLoss }
     }
 
     fn json(&self, skipped: u64) -> Value {

@@ -93,7 +93,9 @@ impl<W: Write> FrameWriter for Pcapng<W> {
         ];
         let mut block = std::mem::take(&mut self.block);
         block.clear();
-        words.iter().for_each(|word| block.extend_from_slice(&word.to_le_bytes()));
+        for word in words {
+            block.extend_from_slice(&word.to_le_bytes());
+        }
         block.extend_from_slice(&self.packet);
         block.resize(block.len().next_multiple_of(4), 0);
         // Inbound or outbound.

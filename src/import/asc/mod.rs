@@ -122,7 +122,7 @@ impl LogReader for Reader {
         let Self { lines, clock, names, skipped, channels, .. } = self;
         let enough = into.len() + BATCH;
         while into.len() < enough {
-            let Some((number, text)) = lines.next()? else {
+            let Some((number, text)) = lines.next_line()? else {
                 self.finish();
                 return Ok(false);
             };

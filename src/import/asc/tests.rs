@@ -1,8 +1,10 @@
 use super::*;
 use crate::frame::{CanFlags, CanFrame};
 
+type Found = (Vec<(String, u64, CanFrame)>, Skipped, Vec<String>, bool);
+
 /// Everything in a log: channel, time, frame.
-fn read(text: &str) -> (Vec<(String, u64, CanFrame)>, Skipped, Vec<String>, bool) {
+fn read(text: &str) -> Found {
     assert!(recognises(text.as_bytes()), "{text}");
     let mut reader = open(Box::new(std::io::Cursor::new(text.to_owned())), &Settings::default());
     let mut frames = Vec::new();

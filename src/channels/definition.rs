@@ -5,9 +5,10 @@ use std::fmt::Write as _;
 use sha2::{Digest as _, Sha256};
 
 use super::can::CanChannels;
+use super::serial::SerialChannels;
 use super::stream::Decode;
-use crate::decode::can::CanDecoder;
-use crate::decode::dbc::Database;
+use crate::decode::definition::CanDefinition;
+use crate::protocol::Protocol;
 use crate::recording::definition::{Attachment, Facts};
 
 /// What a bus is decoded with.
@@ -25,12 +26,9 @@ pub struct Definition {
 #[derive(Debug)]
 pub enum Meaning {
     /// The messages of a CAN bus.
-    Can {
-        /// The messages.
-        database: Database,
-        /// Recognise 29-bit identifiers by their parameter group number.
-        j1939: bool,
-    },
+    Can(CanDefinition),
+    /// The commands of a serial line.
+    Serial(Protocol),
 }
 
 impl Definition {
@@ -57,7 +55,8 @@ impl Definition {
         hash.update(self.protocol.split_once(':').map_or("", |(_, settings)| settings));
         let digits = hex(&hash.finalize()[..4]);
         match &self.meaning {
-            Meaning::Can { .. } => format!("bustape.can.h{digits}"),
+            Meaning::Can(_) => format!("bustape.can.h{digits}"),
+            Meaning::Serial(_) => format!("bustape.serial.h{digits}"),
         }
     }
 
@@ -65,9 +64,8 @@ impl Definition {
     pub(super) fn decoder(self) -> Box<dyn Decode> {
         let package = self.package();
         match self.meaning {
-            Meaning::Can { database, j1939 } => {
-                Box::new(CanChannels::new(CanDecoder::new(database, j1939), j1939, package))
-            }
+            Meaning::Can(definition) => Box::new(CanChannels::new(definition, package)),
+            Meaning::Serial(protocol) => Box::new(SerialChannels::new(protocol.into(), package)),
         }
     }
 }

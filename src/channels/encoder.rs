@@ -186,8 +186,9 @@ impl Label {
     }
 }
 
+/// The integer that a number is, as far as every integer is a double.
 #[allow(clippy::cast_possible_truncation, reason = "the range is checked")]
-fn whole_number(value: f64) -> Option<i64> {
+pub fn whole_number(value: f64) -> Option<i64> {
     (value.fract() == 0.0 && value.abs() < EXACT).then_some(value as i64)
 }
 

@@ -57,10 +57,7 @@ impl Builder<'_> {
         let names: Vec<String> = shape.fields.iter().map(|field| take(&mut scope, field)).collect();
         for ((field, name), (number, _)) in shape.fields.iter().zip(&names).zip(&numbers) {
             self.say(field, name);
-            let inside = match &field.kind {
-                Kind::Message(shape) | Kind::Records(shape) => Some(shape),
-                _ => None,
-            };
+            let inside = if let Kind::Message(shape) = &field.kind { Some(shape) } else { None };
             let inner = inside.map(|shape| {
                 let kind = scope.take_exact(&format!("{name}_fields"));
                 let inner = format!("{full}.{kind}");
@@ -69,7 +66,8 @@ impl Builder<'_> {
                 message.nested_type.push(built);
                 format!(".{inner}")
             });
-            add(&mut message, &mut scope, name, *number, field_type(&field.kind), inner);
+            let kind = (field_type(&field.kind), field.repeated);
+            add(&mut message, &mut scope, name, *number, kind, inner);
         }
         for ((field, name), (_, number)) in shape.fields.iter().zip(&names).zip(&numbers) {
             let Some(number) = number else { continue };
@@ -109,24 +107,22 @@ fn take(scope: &mut Scope, field: &Field) -> String {
     scope.take(if name.is_empty() { "signal" } else { &name })
 }
 
-/// The type, and whether it repeats.
-fn field_type(kind: &Kind) -> (Type, bool) {
+fn field_type(kind: &Kind) -> Type {
     match kind {
-        Kind::Uint32 => (Type::Uint32, false),
-        Kind::Uint64 => (Type::Uint64, false),
-        Kind::Sint32 => (Type::Sint32, false),
-        Kind::Sint64 => (Type::Sint64, false),
-        Kind::Float => (Type::Float, false),
-        Kind::Double => (Type::Double, false),
-        Kind::Bool => (Type::Bool, false),
-        Kind::Text => (Type::String, false),
-        Kind::Bytes => (Type::Bytes, false),
-        Kind::Message(_) => (Type::Message, false),
-        Kind::Records(_) => (Type::Message, true),
+        Kind::Uint32 => Type::Uint32,
+        Kind::Uint64 => Type::Uint64,
+        Kind::Sint32 => Type::Sint32,
+        Kind::Sint64 => Type::Sint64,
+        Kind::Float => Type::Float,
+        Kind::Double => Type::Double,
+        Kind::Bool => Type::Bool,
+        Kind::Text => Type::String,
+        Kind::Bytes => Type::Bytes,
+        Kind::Message(_) => Type::Message,
     }
 }
 
-/// Adds a field that can be absent; a message inside always can.
+/// Adds a field of a type that may repeat, and that can be absent; a message inside always can.
 fn add(
     message: &mut DescriptorProto,
     scope: &mut Scope,
@@ -135,7 +131,7 @@ fn add(
     (kind, repeated): (Type, bool),
     type_name: Option<String>,
 ) {
-    let optional = kind != Type::Message;
+    let optional = kind != Type::Message && !repeated;
     // What `optional` is inside: a oneof with this field alone.
     let oneof_index = optional.then(|| {
         let name = Some(scope.take_exact(&format!("_{name}")));

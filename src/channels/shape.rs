@@ -14,6 +14,8 @@ pub struct Field {
     pub name: String,
     /// What it holds.
     pub kind: Kind,
+    /// Any number of them.
+    pub repeated: bool,
     /// Unit of the value; empty when not said.
     pub unit: String,
     /// Least and largest value, when said.
@@ -45,14 +47,26 @@ pub enum Kind {
     Bytes,
     /// A message inside.
     Message(Shape),
-    /// Any number of messages inside.
-    Records(Shape),
 }
 
 impl Field {
     /// A field without unit, range and labels.
     pub fn new(name: impl Into<String>, kind: Kind) -> Self {
-        Self { name: name.into(), kind, unit: String::new(), range: None, labels: Vec::new() }
+        Self {
+            name: name.into(),
+            kind,
+            repeated: false,
+            unit: String::new(),
+            range: None,
+            labels: Vec::new(),
+        }
+    }
+
+    /// Any number of it.
+    #[must_use]
+    pub fn repeated(mut self) -> Self {
+        self.repeated = true;
+        self
     }
 
     /// The same with texts for raw values.

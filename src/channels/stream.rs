@@ -131,6 +131,12 @@ impl Stream {
         Self::with(names, facts, definition.decoder())
     }
 
+    #[cfg(test)]
+    pub(super) fn of(bus: &str, protocol: &str, decoder: Box<dyn Decode>) -> Self {
+        let names = Names { bus: bus.to_owned(), protocol: protocol.to_owned() };
+        Self::with(names, Facts::new(), decoder)
+    }
+
     fn with(names: Names, facts: Facts, decoder: Box<dyn Decode>) -> Self {
         let counts = Counts::default();
         Self { names, facts, decoder, ids: Vec::new(), counts, stopped: None }
@@ -159,6 +165,20 @@ impl Stream {
     /// Why it does not decode any more, if it has stopped.
     pub fn stopped(&self) -> Option<&str> {
         self.stopped.as_deref()
+    }
+
+    /// Adds what was decoded to `bustape.summary`.
+    pub fn sum_up(&self, summary: &mut Facts) {
+        let Counts { messages, unknown, invalid } = self.counts;
+        let mut put = |key: &str, value: String| {
+            summary.insert(format!("{}.{key}", self.names.bus), value);
+        };
+        put("decoded", messages.to_string());
+        put("unknown", unknown.to_string());
+        put("invalid", invalid.to_string());
+        if let Some(why) = &self.stopped {
+            put("decode_error", why.clone());
+        }
     }
 
     /// A new segment begins, with no channels in it.

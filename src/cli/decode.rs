@@ -1,17 +1,17 @@
-//! Options of `bustape decode`, and of `--decode` wherever a bus is decoded.
+//! Options of `bustape decode`.
 
 use std::path::PathBuf;
 
 use clap::Args;
 
-/// How PROTOCOL is written, for the help of every command that decodes.
-pub const PROTOCOLS: &str = "\
+/// How PROTOCOL is written, for the help.
+const PROTOCOLS: &str = "\
 PROTOCOL:
   hmi-can, zhongheng-09            built in
   FILE.dbc                         messages of a CAN bus; FILE.dbc:j1939 to recognise 29-bit
                                    identifiers by their J1939 parameter group number
-  FILE.toml                        a serial protocol; settings behind a colon, as in
-                                   zhongheng-09:byte_order=little";
+  FILE.toml                        a protocol of docs/protocols.md or docs/protocols-serial.md;
+                                   settings behind a colon: zhongheng-09:byte_order=little";
 
 /// Options of `bustape decode`.
 #[derive(Debug, Args)]

@@ -76,7 +76,14 @@ Addresses ([NAME=]ADDRESS; without a name the last part of the address is the na
                                    a pty at PATH for the application, the real port behind it
   pty:PATH                         a new pseudo-terminal linked at PATH
   slcan:/dev/ttyACM0@500000        CAN adapter with the Lawicel ASCII protocol
-  sim:hmi-can, sim:zhongheng-09    simulated devices";
+  sim:hmi-can, sim:zhongheng-09    simulated devices
+
+PROTOCOL:
+  hmi-can, zhongheng-09            built in
+  FILE.dbc                         messages of a CAN bus; FILE.dbc:j1939 to recognise 29-bit
+                                   identifiers by their J1939 parameter group number
+  FILE.toml                        a protocol of docs/protocols.md or docs/protocols-serial.md;
+                                   settings behind a colon: zhongheng-09:byte_order=little";
 
 /// Options of `bustape record`.
 #[derive(Debug, Args)]
@@ -86,6 +93,10 @@ pub struct RecordArgs {
     /// What to record, see below
     #[arg(required = true, value_name = "BUS")]
     pub buses: Vec<String>,
+
+    /// Write what the frames of this bus mean as decoded channels, too; once for each bus
+    #[arg(long, value_name = "BUS=PROTOCOL")]
+    pub decode: Vec<String>,
 
     /// Record into this file (FILE.part until it is finished); an existing file is never
     /// overwritten. For days use --dir: the index of one long file takes some 40 MiB of memory a
@@ -280,16 +291,18 @@ pub struct DemoArgs {
 /// Options of `bustape explain`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-PROTOCOL is hmi-can (built in), a DBC file, or FILE.dbc:j1939 to recognise 29-bit identifiers by
-their J1939 parameter group number. FRAME is written as candump does, and so are the lines of stdin:
+PROTOCOL is hmi-can (built in), a DBC file, FILE.dbc:j1939 to recognise 29-bit identifiers by their
+J1939 parameter group number, or a TOML file that names its DBC file (docs/protocols.md). FRAME is written as candump does, and so are the lines of stdin:
   123#DEADBEEF                       11-bit identifier
   00030002#35DBA94107530AC3          29-bit identifier
   123##1DEADBEEF, 123#R              CAN FD, remote frame
   (1782097200.123456) can0 123#DEADBEEF
-Signals that are not in a frame (multiplexed away, or beyond its end) are absent, never 0.")]
+Signals that are not in a frame (multiplexed away, or beyond its end) are absent, never 0. Messages of
+several frames follow the frame that ends them.")]
 pub struct ExplainArgs {
-    /// Decode with this protocol: hmi-can, FILE.dbc or FILE.dbc:j1939 for CAN; zhongheng-09 or
-    /// FILE.toml for serial lines, settings behind a colon (zhongheng-09:byte_order=little)
+    /// Decode with this protocol: hmi-can, FILE.dbc, FILE.dbc:j1939 or FILE.toml for CAN;
+    /// zhongheng-09 or FILE.toml for serial lines, settings behind a colon
+    /// (zhongheng-09:byte_order=little)
     #[arg(long, value_name = "PROTOCOL")]
     pub decode: String,
 

@@ -178,7 +178,7 @@ impl Copy for Decode<'_> {
             if let Err(why) = stream.finish(out) {
                 tell(stream, self.last, why, out)?;
             }
-            definitions::sum_up(stream, summary);
+            stream.sum_up(summary);
         }
         Ok(())
     }

@@ -1,11 +1,12 @@
 //! `--decode BUS=PROTOCOL`: which bus is decoded with what.
 
+use std::path::Path;
+
 use anyhow::{Result, bail};
 use serde_json::json;
 
 use super::{UsageError, explain, protocols};
 use crate::channels::{Definition, Meaning, Stream};
-use crate::decode::protocol::CanProtocol;
 use crate::recording::definition::{Attachment, Facts};
 use crate::text::grouped;
 
@@ -49,21 +50,43 @@ pub fn load(texts: &[String], buses: &[String], attached: Vec<Attachment>) -> Re
 
 /// The definition that a person means; false if not all of it could be loaded.
 fn definition(text: &str) -> Result<(Definition, bool)> {
+    if let Some(serial) = explain::serial::load_files(text)? {
+        let name = format!("{}.toml", serial.protocol.name);
+        let attachment = attachment(serial.file.as_deref().unwrap_or(&name), serial.text.into());
+        let protocol = with_settings(&serial.file.unwrap_or(serial.protocol.name.clone()), text);
+        let meaning = Meaning::Serial(serial.protocol);
+        return Ok((Definition { protocol, attachments: vec![attachment], meaning }, true));
+    }
     let can = protocols::named(text)?;
-    let (parsed, data) = protocols::load_with_bytes(&can)?;
-    explain::say_oddities(&can, &parsed);
-    let (name, protocol, j1939) = match &can {
-        CanProtocol::BuiltIn { name, .. } => (format!("{name}.dbc"), (*name).to_owned(), false),
-        CanProtocol::File { path, j1939 } => {
-            let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            let protocol = if *j1939 { format!("{name}:j1939") } else { name.clone() };
-            (name, protocol, *j1939)
-        }
-    };
-    let attachments = vec![Attachment { name, media_type: "text/x-dbc".to_owned(), data }];
-    let complete = parsed.oddities.lost() == 0;
-    let meaning = Meaning::Can { database: parsed.database, j1939 };
+    let loaded = protocols::load(&can)?;
+    explain::say_oddities(&can, &loaded);
+    let complete = loaded.oddities.lost() == 0;
+    let attachments = loaded.files.into_iter().map(|(name, data)| attachment(&name, data));
+    let attachments = attachments.collect();
+    let protocol = with_settings(&can.name(), text);
+    let meaning = Meaning::Can(loaded.definition);
     Ok((Definition { protocol, attachments, meaning }, complete))
+}
+
+/// What a protocol is called in a recording: without folders, with its settings.
+fn with_settings(name: &str, text: &str) -> String {
+    let settings = text.rsplit_once(':').map_or("", |(_, settings)| settings);
+    let plain = file_name(name);
+    if settings.is_empty() || settings.contains('/') || text.ends_with(&plain) {
+        return plain;
+    }
+    format!("{plain}:{settings}")
+}
+
+fn file_name(path: &str) -> String {
+    Path::new(path).file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn attachment(path: &str, data: Vec<u8>) -> Attachment {
+    let name = file_name(path);
+    let is_dbc = name.to_ascii_lowercase().ends_with(".dbc");
+    let media_type = if is_dbc { "text/x-dbc" } else { "application/toml" };
+    Attachment { name, media_type: media_type.to_owned(), data }
 }
 
 /// Adds an attachment, under another name where its own is taken by another file.
@@ -81,19 +104,6 @@ fn attach(attachment: &mut Attachment, bus: &str, all: &mut Vec<Attachment>) {
 pub fn enter(stream: &Stream, facts: &mut Facts) {
     facts.retain(|key, _| key != "protocol" && !key.starts_with("definition."));
     facts.extend(stream.facts().clone());
-}
-
-/// Adds what a stream has decoded to `bustape.summary`.
-pub fn sum_up(stream: &Stream, summary: &mut Facts) {
-    let counts = stream.counts();
-    let bus = stream.bus();
-    let mut put = |key: &str, value: String| summary.insert(format!("{bus}.{key}"), value);
-    put("decoded", counts.messages.to_string());
-    put("unknown", counts.unknown.to_string());
-    put("invalid", counts.invalid.to_string());
-    if let Some(why) = stream.stopped() {
-        put("decode_error", why.to_owned());
-    }
 }
 
 /// What a stream has decoded, for a person.

@@ -4,7 +4,7 @@ use anyhow::{Context as _, Result};
 use socketcan::{CanInterface, Socket as _};
 
 use super::record::{self, Bus, Plan};
-use super::{Ended, info, output};
+use super::{Ended, definitions, info, output};
 use crate::capture::Source;
 use crate::capture::socketcan::{CanOptions, SocketCan};
 use crate::cli::DemoArgs;
@@ -30,6 +30,9 @@ pub fn run(args: &DemoArgs) -> Result<Ended> {
         "Recording a simulated power station for {seconds} into {}; an hour passes there in 2.5 s.",
         args.dir.display()
     ));
+    let buses = ["station", "rectifier"].map(str::to_owned);
+    let decode = ["station=hmi-can", "rectifier=zhongheng-09"].map(str::to_owned);
+    let definitions = definitions::load(&decode, &buses, Vec::new())?;
     let runtime = record::runtime()?;
     let recorded = runtime.block_on(async {
         let (station, _vcan) = station();
@@ -39,7 +42,7 @@ pub fn run(args: &DemoArgs) -> Result<Ended> {
             source: Box::new(SimulatedRectifier::new(SEED, DEMO_TIME_SCALE)),
         };
         output::note("rectifier: the polling master and the monitor talk over a pseudo-terminal.");
-        record::record(vec![station, rectifier], &plan(args)).await
+        record::record(vec![station, rectifier], definitions, &plan(args)).await
     })?;
     let ended = record::report(&recorded, false)?;
     println!();
@@ -127,7 +130,8 @@ fn next_steps(files: &[std::path::PathBuf]) {
     let bustape = std::env::args().next().unwrap_or_else(|| "bustape".to_owned());
     println!("\nLook    {bustape} cat {file} | less");
     println!("Plot    in Foxglove: Open local file, {file};");
-    println!("        add a Plot of /station/stats.rate and Raw Messages of /station/raw");
+    println!("        add a Plot of /station/BATMON_2.voltage, State Transitions of");
+    println!("        /station/INV1_1.mode_label and the Log");
     println!("Replay  {bustape} cat {file} -f station | canplayer vcan0=station");
     println!("Export  {bustape} cat {file} --json > frames.jsonl");
 }

@@ -15,11 +15,13 @@ use tokio::task::{JoinSet, LocalSet};
 pub use plan::Plan;
 pub use report::report;
 
+use super::definitions::{self, Definitions};
 use super::status::StatusLine;
 use super::{Ended, UsageError};
 use crate::address::BusSpec;
 use crate::capture::socketcan::CanOptions;
 use crate::capture::{BusFacts, Source, Stop};
+use crate::channels::Stream;
 use crate::cli::RecordArgs;
 use crate::clock::Timeline;
 use crate::frame::Unit;
@@ -34,6 +36,8 @@ use watch::{Signals, Watch};
 pub fn run(args: &RecordArgs) -> Result<Ended> {
     let specs = parse_buses(&args.buses)?;
     let plan = Plan::of(args);
+    let names: Vec<String> = specs.iter().map(|spec| spec.name.clone()).collect();
+    let definitions = definitions::load(&args.decode, &names, Vec::new())?;
     let runtime = runtime()?;
     let outcome = runtime.block_on(async {
         let can = CanOptions {
@@ -46,7 +50,7 @@ pub fn run(args: &RecordArgs) -> Result<Ended> {
             let source = spec.open(&can)?;
             buses.push(Bus { name: spec.name.clone(), address: spec.text.clone(), source });
         }
-        record(buses, &plan).await
+        record(buses, definitions, &plan).await
     })?;
     report(&outcome, args.json)
 }
@@ -99,12 +103,12 @@ impl Recorded {
 }
 
 /// Records `buses` until something ends it. Must run on [`runtime`].
-pub async fn record(buses: Vec<Bus>, plan: &Plan) -> Result<Recorded> {
+pub async fn record(buses: Vec<Bus>, definitions: Definitions, plan: &Plan) -> Result<Recorded> {
     // Before the file is made, so that Ctrl-C from here on ends with a finished file.
     let mut signals = Signals::new()?;
     let desk = Desk::new(&buses, plan);
     let reason = Arc::new(Mutex::new(String::new()));
-    let writer = desk.start_writer(&buses, plan, reason.clone())?;
+    let writer = desk.start_writer(&buses, definitions, plan, reason.clone())?;
     let allowance = Allowance::new(plan.count);
     let (switch, stop) = Stop::new();
     let local = LocalSet::new();
@@ -171,19 +175,22 @@ impl Desk {
     fn start_writer(
         &self,
         buses: &[Bus],
+        definitions: Definitions,
         plan: &Plan,
         reason: Arc<Mutex<String>>,
     ) -> Result<JoinHandle<Outcome>> {
         let target = plan.target.clone();
         let segments = Segments::new(Box::new(RealDisk), target, plan.split, plan.writer)?;
+        let recorded = buses.iter().zip(&self.tallies).zip(definitions.streams);
+        let recorded = recorded.map(|((bus, tally), stream)| bus.recorded(tally, stream)).collect();
         let recorder = Recorder::start(
             self.queue.clone(),
             segments,
-            buses.iter().zip(&self.tallies).map(|(bus, tally)| bus.recorded(tally)).collect(),
+            recorded,
             self.timeline.clone(),
             plan.pace,
             about::about(),
-            Vec::new(),
+            definitions.attachments,
             self.progress.clone(),
         )?;
         let ask = move || reason.lock().unwrap_or_else(PoisonError::into_inner).clone();
@@ -220,9 +227,9 @@ impl Desk {
 }
 
 impl Bus {
-    fn recorded(&self, tally: &Arc<Tally>) -> RecordedBus {
+    fn recorded(&self, tally: &Arc<Tally>, stream: Option<Stream>) -> RecordedBus {
         let facts: BusFacts = self.source.facts();
         let (name, address) = (self.name.clone(), self.address.clone());
-        RecordedBus { name, address, facts, tally: tally.clone() }
+        RecordedBus { name, address, facts, tally: tally.clone(), stream }
     }
 }

@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use super::table::{Cell, Column, Kind, Row, Table, Value, make_unique};
-use crate::decode::can::{CanDecoder, Value as Decoded};
+use crate::decode::can::Value as Decoded;
 use crate::decode::dbc::{Message, Number, Signal};
+use crate::decode::definition::CanDefinition;
 
 /// Labels of signals with up to so many bits are looked up by index.
 const DENSE_BITS: u16 = 10;
@@ -16,7 +17,7 @@ const UNWANTED: u32 = u32::MAX;
 /// Makes rows of the payloads of one message.
 #[derive(Clone, Debug)]
 pub struct CanPlan {
-    decoder: Arc<CanDecoder>,
+    definition: Arc<CanDefinition>,
     message: usize,
     /// By index of the signal: its column, and its labels.
     places: Vec<Place>,
@@ -56,12 +57,12 @@ impl CanPlan {
     /// How rows are made of message number `index`, and the table they belong to. `None` when the
     /// message has no signal that is `wanted`.
     pub fn new(
-        decoder: &Arc<CanDecoder>,
+        definition: &Arc<CanDefinition>,
         index: usize,
         bus: &str,
         wanted: impl Fn(&str) -> bool,
     ) -> Option<(Self, Table)> {
-        let message = decoder.database().messages.get(index)?;
+        let message = definition.messages().get(index)?;
         let mut columns = Vec::new();
         let mut places = Vec::with_capacity(message.signals.len());
         for signal in &message.signals {
@@ -77,17 +78,21 @@ impl CanPlan {
             return None;
         }
         make_unique(&mut columns);
-        let plan =
-            Self { decoder: Arc::clone(decoder), message: index, places, columns: columns.len() };
+        let plan = Self {
+            definition: Arc::clone(definition),
+            message: index,
+            places,
+            columns: columns.len(),
+        };
         Some((plan, table_of(message, bus, columns)))
     }
 
     /// Gives each value that is in a frame with these data to `visit`, with its column.
     #[inline]
     pub fn visit(&self, data: &[u8], mut visit: impl FnMut(usize, Cell)) {
-        let signals = self.decoder.database().messages.get(self.message);
+        let signals = self.definition.messages().get(self.message);
         let signals = signals.map_or(&[][..], |message| &message.signals);
-        self.decoder.decode(self.message, data, |reading| {
+        self.definition.decode(self.message, data, |reading| {
             let Some(place) = self.places.get(reading.signal) else { return };
             if place.column == UNWANTED {
                 return;

@@ -6,17 +6,15 @@ use std::sync::Arc;
 use super::can_table::CanPlan;
 use super::message_table::{Described, MessagePlan};
 use super::table::{Row, Table};
-use crate::decode::can::CanDecoder;
+use crate::decode::definition::CanDefinition;
 
 /// A database that frames are decoded with.
 #[derive(Clone, Debug)]
 pub struct Definition {
     /// Compiled.
-    pub decoder: Arc<CanDecoder>,
-    /// As a person knows it, e.g. the name of its file.
-    pub name: String,
-    /// SHA-256 of the file, hexadecimal.
-    pub sha256: String,
+    pub can: Arc<CanDefinition>,
+    /// Its files: names, and SHA-256 in hexadecimal.
+    pub files: Vec<(String, String)>,
 }
 
 /// Where the rows of a table come from.
@@ -42,9 +40,7 @@ impl Plan {
     pub fn row(&self, payload: &[u8], row: &mut Row) {
         match self {
             Self::Can(plan) => plan.row(payload, row),
-            Self::Message(plan) => {
-                plan.row(payload, row);
-            }
+            Self::Message(plan) => plan.row(payload, row),
         }
     }
 }
@@ -65,15 +61,10 @@ impl Catalogue {
         Self { definitions, origins: Vec::new(), names: HashMap::new(), wanted }
     }
 
-    /// The databases.
-    pub fn definitions(&self) -> &[Definition] {
-        &self.definitions
-    }
-
     /// Adds the table of a message on a bus; its number. `None` when no signal of it is wanted.
     pub fn add(&mut self, bus: &Arc<str>, definition: usize, message: usize) -> Option<u32> {
-        let database = self.definitions.get(definition)?.decoder.database();
-        let signals = &database.messages.get(message)?.signals;
+        let messages = self.definitions.get(definition)?.can.messages();
+        let signals = &messages.get(message)?.signals;
         if !signals.iter().any(|signal| (self.wanted)(&signal.name)) {
             return None;
         }
@@ -82,11 +73,11 @@ impl Catalogue {
     }
 
     /// Adds the table of a decoded channel; its number. A name that another schema has already gets
-    /// a number behind it.
+    /// a number behind it. `files` are those of its definition, with their SHA-256.
     pub fn add_message(
         &mut self,
         described: &Described<'_>,
-        facts: &[(String, String)],
+        files: &[(String, String)],
     ) -> Option<u32> {
         let (plan, mut table) = MessagePlan::new(described, &self.wanted)?;
         let key = (table.bus.clone(), table.message.clone());
@@ -95,7 +86,7 @@ impl Catalogue {
         if *count > 1 {
             table.message = format!("{}_{count}", table.message);
         }
-        table.facts.extend_from_slice(facts);
+        add_files(&mut table, files);
         self.push(Origin::Message(Box::new((plan, table))))
     }
 
@@ -121,10 +112,8 @@ impl Catalogue {
             Origin::Can { bus, definition, message } => {
                 let definition = self.definitions.get(*definition as usize)?;
                 let message = *message as usize;
-                let (plan, mut table) =
-                    CanPlan::new(&definition.decoder, message, bus, &self.wanted)?;
-                table.facts.push(("definition".to_owned(), definition.name.clone()));
-                table.facts.push(("definition_sha256".to_owned(), definition.sha256.clone()));
+                let (plan, mut table) = CanPlan::new(&definition.can, message, bus, &self.wanted)?;
+                add_files(&mut table, &definition.files);
                 Some((Plan::Can(plan), table))
             }
             Origin::Message(known) => {
@@ -139,4 +128,12 @@ impl Catalogue {
         let numbers = 0..u32::try_from(self.len()).unwrap_or(u32::MAX);
         numbers.filter_map(|number| self.table(number)).map(|(_, table)| table).collect()
     }
+}
+
+/// Says what files a table was decoded with.
+fn add_files(table: &mut Table, files: &[(String, String)]) {
+    let names: Vec<&str> = files.iter().map(|(name, _)| name.as_str()).collect();
+    let hashes: Vec<&str> = files.iter().map(|(_, hash)| hash.as_str()).collect();
+    table.facts.push(("definition".to_owned(), names.join(" ")));
+    table.facts.push(("definition_sha256".to_owned(), hashes.join(" ")));
 }

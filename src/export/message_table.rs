@@ -5,7 +5,7 @@ use std::rc::Rc;
 
 use prost_reflect::{DescriptorPool, Kind as ProtoKind, MessageDescriptor};
 
-use super::table::{Cell, Column, Kind, Row, Table, Value, make_unique};
+use super::table::{Column, Kind, Row, Table, Value, make_unique};
 use crate::recording::wire::{Field, Fields};
 
 /// So deep messages inside of messages are followed.
@@ -96,17 +96,15 @@ impl MessagePlan {
         Some((plan, table))
     }
 
-    /// A row of an encoded message; false when its bytes are not one.
-    pub fn row(&self, message: &[u8], row: &mut Row) -> bool {
+    /// A row of an encoded message. Where its bytes are not one, the values from there on are absent.
+    pub fn row(&self, message: &[u8], row: &mut Row) {
         row.clear(self.columns);
-        fill(&self.root, message, row)
+        fill(&self.root, message, row);
     }
 }
 
-fn fill(step: &Step, message: &[u8], row: &mut Row) -> bool {
-    let mut fields = Fields::of(message);
-    let mut sound = true;
-    for (number, field) in fields.by_ref() {
+fn fill(step: &Step, message: &[u8], row: &mut Row) {
+    for (number, field) in Fields::of(message) {
         let Ok(at) = step.fields.binary_search_by_key(&number, |(number, _)| *number) else {
             continue;
         };
@@ -118,11 +116,10 @@ fn fill(step: &Step, message: &[u8], row: &mut Row) -> bool {
                     cell.label = labels.get(found).map(|(_, index)| *index);
                 }
             }
-            (Place::Message(step), Field::Bytes(bytes)) => sound &= fill(step, bytes, row),
+            (Place::Message(step), Field::Bytes(bytes)) => fill(step, bytes, row),
             _ => {}
         }
     }
-    sound && fields.sound()
 }
 
 #[allow(clippy::cast_possible_truncation, reason = "fields of 32 bits")]
@@ -240,11 +237,4 @@ fn form_of(kind: &ProtoKind) -> Option<(Kind, Form)> {
         ProtoKind::Bytes => (Kind::Bytes, Form::Text),
         ProtoKind::Message(_) | ProtoKind::Enum(_) => return None,
     })
-}
-
-impl Cell {
-    /// True without a value.
-    pub fn is_absent(&self) -> bool {
-        self.value == Value::Absent
-    }
 }

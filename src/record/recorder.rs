@@ -11,17 +11,21 @@ use super::progress::Progress;
 use super::queue::{Item, Queue};
 use super::segments::{Segment, SegmentError, Segments, write_error};
 use super::tally::Totals;
+use crate::channels::Stream;
 use crate::clock::{Step, Timeline};
 use crate::frame::{Frame, Gap, GapReason, Level, Notice, Stamped, Timestamp, Unit};
 use crate::recording::definition::{Attachment, Facts};
 use crate::recording::schema::bustape::ClockSync;
-use crate::recording::writer::Head;
+use crate::recording::writer::{Head, SegmentWriter};
 
 /// Most items taken from the queue at once: bounds the memory beside the queue to some 400 KiB.
 const TAKE: usize = 4096;
 /// Most notices that wait for the first frame.
 const EARLY: usize = 1000;
 const SECOND: u64 = 1_000_000_000;
+
+/// A source may take so long from reading bytes to handing them over, nanoseconds.
+const SLOWEST: u64 = 100_000_000;
 
 /// When things reach the disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,6 +46,8 @@ impl Default for Pace {
 pub struct Outcome {
     /// The books of each bus, closed.
     pub totals: Vec<Totals>,
+    /// The decoded channels of each bus that has some.
+    pub streams: Vec<Stream>,
     /// The files, finished.
     pub files: Vec<std::path::PathBuf>,
     /// Why writing ended early, if it did.
@@ -111,16 +117,52 @@ impl Recorder {
         // the open chunk.
         let tick = self.pace.chunk / 2;
         let mut items = Vec::with_capacity(TAKE);
+        let mut before = self.timeline.now();
         while self.queue.take(&mut items, TAKE, tick) {
+            let all = items.len() < TAKE;
             for item in items.drain(..) {
                 self.take(item);
             }
+            if all {
+                self.pass(before);
+            }
+            before = self.timeline.now();
             self.on_tick();
         }
         self.finish(&reason());
         let totals = self.buses.iter().map(|bus| bus.tally.totals()).collect();
         let files = self.segments.finished().to_vec();
-        Outcome { totals, files, error: self.error }
+        let streams = self.buses.into_iter().filter_map(|bus| bus.stream).collect();
+        Outcome { totals, streams, files, error: self.error }
+    }
+
+    /// Everything that was read before `time` has been taken.
+    fn pass(&mut self, time: Timestamp) {
+        if !self.has_frames() {
+            return;
+        }
+        let time = Timestamp(time.nanos().saturating_sub(SLOWEST));
+        for bus in 0..self.buses.len() {
+            self.decode(bus, time, |stream, writer| stream.pass(time, writer));
+        }
+    }
+
+    /// Lets a bus's decoder do something. One that fails ends alone.
+    fn decode(
+        &mut self,
+        bus: usize,
+        time: Timestamp,
+        work: impl FnOnce(&mut Stream, &mut SegmentWriter) -> Result<(), String>,
+    ) {
+        let (Some(segment), bus) = (&mut self.segment, &mut self.buses[bus]) else { return };
+        let Some(stream) = &mut bus.stream else { return };
+        if let Err(why) = work(stream, &mut segment.writer) {
+            self.progress.notice(Level::Error, why.clone());
+            let notice = Notice { level: Level::Error, text: why };
+            let name = format!("{}/decode", bus.name);
+            // Where not even the log finds room, the summary tells.
+            segment.writer.add_notice(time, &name, &notice).ok();
+        }
     }
 
     fn take(&mut self, item: Item) {
@@ -160,6 +202,8 @@ impl Recorder {
             // Only a full channel table gets here, and a recorder has few channels.
             Err(error) => return self.fail(&error),
         };
+        let frame = &item.frame;
+        self.decode(bus, frame.time, |stream, writer| stream.take(frame, writer));
         if full {
             self.cut();
         }
@@ -312,6 +356,7 @@ impl Recorder {
         let segment = self.segments.open(now, &head)?;
         self.progress.file(&segment.path, segment.writer.position());
         self.segment = Some(segment);
+        self.buses.iter_mut().filter_map(|bus| bus.stream.as_mut()).for_each(Stream::new_segment);
         self.segment_counts.fill(0);
         Ok(())
     }
@@ -343,6 +388,10 @@ impl Recorder {
             self.add_stats(self.timeline.now());
         }
         self.add_early(Timestamp(0));
+        let now = self.timeline.now();
+        for bus in 0..self.buses.len() {
+            self.decode(bus, now, Stream::finish);
+        }
         self.cut();
         let Some(segment) = self.segment.take() else { return };
         let summary = summary(reason, &self.buses, &self.segment_counts);

@@ -16,7 +16,8 @@ const ARROWS: [(&str, &[&str]); 18] = [
     ("record", &["frame", "clock", "text", "recording", "capture", "channels"]),
     ("simulate", &["frame", "clock", "sys", "capture", "record"]),
     // What frames mean: no files, no buses.
-    ("decode", &["frame"]),
+    // Fields of messages of several frames are written as those of serial lines.
+    ("decode", &["frame", "protocol"]),
     ("protocol", &["frame"]),
     // Logs of other tools become frames; what a recording is does not matter here.
     ("import", &["frame", "text"]),

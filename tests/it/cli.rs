@@ -4,7 +4,7 @@ use std::ffi::OsString;
 
 use crate::support::process::{args, bustape};
 
-const COMMANDS: [&str; 6] = ["record", "info", "cat", "convert", "ports", "demo"];
+const COMMANDS: [&str; 7] = ["record", "info", "cat", "convert", "ports", "demo", "export"];
 
 #[test]
 fn wrong_usage_is_refused_with_a_sentence_and_leaves_nothing() {
@@ -121,8 +121,9 @@ fn the_help_tells_the_default_and_the_unit_of_every_option() {
         }
         assert!(blocks.len() > 1, "{text}");
         for block in blocks.iter().filter(|block| block.contains(" <")) {
-            let selects = ["--topics", "--start", "--end", "--filter"];
-            let target = ["--output", "--dir"];
+            let selects =
+                ["--topics", "--start", "--end", "--filter", "--bus", "--message", "--signal"];
+            let target = ["--output", "--dir", "--format"];
             let free = selects.iter().chain(&target).any(|option| block.contains(option));
             assert!(free || block.contains("[default: "), "{command}: no default in {block}");
             let units = ["<TIME>", "<SIZE>"].iter().any(|value| block.contains(value));

@@ -21,9 +21,11 @@
 )]
 
 mod architecture;
+mod can_rules;
 mod cat;
 mod cli;
 mod convert;
+mod decoded;
 mod disk;
 mod export;
 mod hostile;

@@ -1,6 +1,7 @@
 //! `--decode [BUS=]PROTOCOL`: which buses are decoded with what.
 
 use std::fmt::Write as _;
+use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Result, bail};
@@ -8,8 +9,6 @@ use sha2::{Digest as _, Sha256};
 
 use super::input::Source;
 use crate::commands::{UsageError, explain, protocols};
-use crate::decode::can::CanDecoder;
-use crate::decode::protocol::CanProtocol;
 use crate::export::catalogue::Definition;
 
 /// The databases, and for which bus each is.
@@ -34,39 +33,35 @@ impl Decoders {
                 let bus = bus.unwrap_or("every CAN bus");
                 bail!(UsageError(format!("--decode {text}: {bus} has a protocol already")));
             }
-            let index = match names.iter().position(|name| *name == protocol) {
-                Some(index) => index,
-                None => {
-                    all.add(protocol)?;
-                    names.push(protocol);
-                    names.len() - 1
-                }
-            };
+            let index = names.iter().position(|name| *name == protocol).unwrap_or(names.len());
+            if index == names.len() {
+                all.add(protocol)?;
+                names.push(protocol);
+            }
             all.routes.push((bus.map(str::to_owned), index));
         }
         Ok(all)
     }
 
     fn add(&mut self, text: &str) -> Result<()> {
-        if !text.to_ascii_lowercase().contains(".dbc") && explain::serial::load(text)?.is_some() {
+        if !text.to_ascii_lowercase().contains(".dbc")
+            && explain::serial::load_files(text)?.is_some()
+        {
             bail!(UsageError(format!(
                 "{text} is a protocol of serial lines; add its decoded channels with \"bustape \
                  decode\" first, then export them without --decode"
             )));
         }
         let protocol = protocols::named(text)?;
-        let (parsed, bytes) = protocols::load_with_bytes(&protocol)?;
-        explain::say_oddities(&protocol, &parsed);
-        self.incomplete |= parsed.oddities.lost() > 0;
-        let (name, j1939) = match &protocol {
-            CanProtocol::BuiltIn { name, .. } => ((*name).to_owned(), false),
-            CanProtocol::File { path, j1939 } => {
-                let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-                (name, *j1939)
-            }
-        };
-        let decoder = Arc::new(CanDecoder::new(parsed.database, j1939));
-        self.definitions.push(Definition { decoder, name, sha256: sha256(&bytes) });
+        let loaded = protocols::load(&protocol)?;
+        explain::say_oddities(&protocol, &loaded);
+        self.incomplete |= loaded.oddities.lost() > 0;
+        let files = loaded.files.iter().map(|(path, bytes)| {
+            let name = Path::new(path).file_name().unwrap_or_default().to_string_lossy();
+            (name.into_owned(), sha256(bytes))
+        });
+        let files = files.collect();
+        self.definitions.push(Definition { can: Arc::new(loaded.definition), files });
         Ok(())
     }
 

@@ -17,8 +17,6 @@ pub struct Counts {
     pub unknown: u64,
     /// Remote and error frames, serial bytes, frames of buses without a protocol.
     pub other: u64,
-    /// Decoded messages that do not fit their schema.
-    pub broken: u64,
     /// Messages seen.
     pub tables: usize,
 }
@@ -26,17 +24,16 @@ pub struct Counts {
 impl Counts {
     /// True when something that should be there is not.
     pub fn is_lossy(&self) -> bool {
-        self.rows == 0 || self.broken > 0
+        self.rows == 0
     }
 }
 
 /// Says the totals.
 pub fn report(args: &ExportArgs, counts: &Counts, files: u64, notes: &[String]) {
-    let Counts { read, rows, unknown, other, broken, tables } = *counts;
+    let Counts { read, rows, unknown, other, tables } = *counts;
     if args.json {
         let totals = json!({
-            "read": read, "decoded": rows, "unknown": unknown, "not_decoded": other,
-            "broken": broken, "messages": tables, "files": files,
+            "read": read, "decoded": rows, "unknown": unknown, "not_decoded": other,  "messages": tables, "files": files,
         });
         if args.output.as_os_str() == "-" {
             output::note(&totals.to_string());
@@ -62,10 +59,6 @@ pub fn report(args: &ExportArgs, counts: &Counts, files: u64, notes: &[String]) 
     }
     for note in notes {
         output::note(note);
-    }
-    if broken > 0 {
-        let broken = grouped(broken);
-        output::warning(&format!("{broken} decoded messages do not fit their schema"));
     }
     if rows == 0 {
         output::warning("nothing was exported: the input has none of the wanted messages");

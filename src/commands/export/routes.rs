@@ -8,6 +8,7 @@ use anyhow::Result;
 use super::decoders::Decoders;
 use super::report::Counts;
 use super::selection::Selection;
+use crate::decode::bus::{CanBus, CanItem};
 use crate::export::TableWriter;
 use crate::export::catalogue::Catalogue;
 use crate::export::message_table::Described;
@@ -37,7 +38,7 @@ pub struct Routes<'a> {
 /// A bus, and the tables of its messages.
 struct Bus {
     name: Arc<str>,
-    definition: Option<usize>,
+    decoder: Option<(usize, CanBus)>,
     /// By index of the message.
     tables: Vec<u32>,
 }
@@ -63,16 +64,26 @@ impl<'a> Routes<'a> {
         !self.decoders.definitions.is_empty()
     }
 
+    /// Begins anew with what is read; the tables stay.
+    pub fn restart(&mut self) {
+        self.counts = Counts::default();
+        for (_, decoder) in self.buses.iter_mut().filter_map(|bus| bus.decoder.as_mut()) {
+            decoder.finish(&mut |_| {});
+        }
+    }
+
     /// The index of a bus by its name.
     pub fn bus(&mut self, name: &str) -> usize {
         if let Some(index) = self.buses.iter().position(|bus| &*bus.name == name) {
             return index;
         }
         let definition = self.decoders.of(name).filter(|_| self.selection.bus(name));
-        let definitions = self.catalogue.definitions();
-        let messages = definition.and_then(|index| definitions.get(index));
-        let messages = messages.map_or(0, |d| d.decoder.database().messages.len());
-        self.buses.push(Bus { name: name.into(), definition, tables: vec![UNSEEN; messages] });
+        let decoder = definition.and_then(|index| {
+            let definition = self.decoders.definitions.get(index)?;
+            Some((index, CanBus::new(Arc::clone(&definition.can))))
+        });
+        let messages = decoder.as_ref().map_or(0, |(_, bus)| bus.definition().messages().len());
+        self.buses.push(Bus { name: name.into(), decoder, tables: vec![UNSEEN; messages] });
         self.buses.len() - 1
     }
 
@@ -84,6 +95,7 @@ impl<'a> Routes<'a> {
         frame: &Frame,
         writer: &mut dyn TableWriter,
     ) -> Result<()> {
+        let Some(bus) = self.buses.get_mut(bus) else { return Ok(()) };
         let can = match frame {
             Frame::Can(can) => can,
             Frame::Serial(_) => {
@@ -91,26 +103,39 @@ impl<'a> Routes<'a> {
                 self.counts.other += 1;
                 return Ok(());
             }
-            Frame::Gap(_) | Frame::Notice(_) => return Ok(()),
+            Frame::Gap(_) => {
+                // What came before tells nothing about what follows.
+                if let Some((_, decoder)) = &mut bus.decoder {
+                    decoder.finish(&mut |_| {});
+                }
+                return Ok(());
+            }
+            Frame::Notice(_) => return Ok(()),
         };
-        let Some(bus) = self.buses.get_mut(bus) else { return Ok(()) };
         self.counts.read += 1;
-        let definition = bus.definition.and_then(|index| self.catalogue.definitions().get(index));
-        let special = can.flags.has(CanFlags::REMOTE) || can.flags.has(CanFlags::ERROR);
-        let Some(definition) = definition.filter(|_| !special) else {
+        let Bus { name, decoder, tables } = bus;
+        let Some((definition, decoder)) = decoder else {
             self.counts.other += 1;
             return Ok(());
         };
-        let Some(found) = definition.decoder.find(can) else {
-            self.counts.unknown += 1;
+        let mut message = None;
+        decoder.feed(time, can, &mut |item| {
+            // Messages of several frames are texts, not signals over time.
+            if let CanItem::Message(found) = item {
+                message = Some(found.index);
+            }
+        });
+        let Some(message) = message else {
+            let special = can.flags.has(CanFlags::REMOTE) || can.flags.has(CanFlags::ERROR);
+            let count = if special { &mut self.counts.other } else { &mut self.counts.unknown };
+            *count += 1;
             return Ok(());
         };
-        let message = found.index;
-        let Some(table) = bus.tables.get_mut(message) else { return Ok(()) };
+        let Some(table) = tables.get_mut(message) else { return Ok(()) };
         if *table == UNSEEN {
-            let wanted = self.selection.message(&found.message.name);
-            let definition = bus.definition.filter(|_| wanted);
-            let number = definition.and_then(|d| self.catalogue.add(&bus.name, d, message));
+            let known = decoder.definition().messages().get(message);
+            let wanted = known.is_some_and(|known| self.selection.message(&known.name));
+            let number = if wanted { self.catalogue.add(name, *definition, message) } else { None };
             *table = number.unwrap_or(UNWANTED);
         }
         if *table != UNWANTED {
@@ -130,13 +155,12 @@ impl<'a> Routes<'a> {
         writer: &mut dyn TableWriter,
     ) -> Result<()> {
         self.counts.read += 1;
-        let table = match self.channels.get(&place) {
-            Some(table) => *table,
-            None => {
-                let table = self.channel(recording, place);
-                self.channels.insert(place, table);
-                table
-            }
+        let table = if let Some(table) = self.channels.get(&place) {
+            *table
+        } else {
+            let table = self.channel(recording, place);
+            self.channels.insert(place, table);
+            table
         };
         if let Some(table) = table {
             writer.write(&self.catalogue, table, time, data)?;
@@ -166,15 +190,11 @@ impl<'a> Routes<'a> {
             metadata: &channel.metadata,
         };
         let facts = segment.metadata.get(&format!("bustape.bus.{bus}"));
-        let definitions = facts.into_iter().flatten().filter_map(|(key, sha256)| {
+        let files = facts.into_iter().flatten().filter_map(|(key, sha256)| {
             Some((key.strip_prefix("definition.")?.to_owned(), sha256.clone()))
         });
-        let facts: Vec<_> = definitions
-            .flat_map(|(name, sha256)| {
-                [("definition".to_owned(), name), ("definition_sha256".to_owned(), sha256)]
-            })
-            .collect();
-        let table = self.catalogue.add_message(&described, &facts);
+        let files: Vec<_> = files.collect();
+        let table = self.catalogue.add_message(&described, &files);
         self.topics.insert(key, table);
         table
     }

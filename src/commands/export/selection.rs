@@ -50,11 +50,6 @@ impl Selection {
         any(&self.signals, name)
     }
 
-    /// True when not all signals are wanted.
-    pub fn names_signals(&self) -> bool {
-        !self.signals.is_empty()
-    }
-
     /// The range of time of something that begins at `origin`.
     pub fn range(&self, origin: Timestamp) -> Result<RangeInclusive<Timestamp>> {
         let moment = |text: &Option<String>, default| match text {

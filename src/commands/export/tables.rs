@@ -31,7 +31,7 @@ pub fn run(args: &ExportArgs, selection: &Selection, interrupt: &Interrupt) -> R
     if args.shape == Shape::Wide {
         // Which columns there are is known at the end only, so there is a first round for that.
         read(&source, &mut routes, selection, interrupt, &mut Nothing, true)?;
-        routes.counts = Counts::default();
+        routes.restart();
     }
     let mut writer = target.writer(args, &routes.catalogue)?;
     let ended = read(&source, &mut routes, selection, interrupt, &mut *writer, false)?;
@@ -105,7 +105,7 @@ fn wants(recording: &Recording, selection: &Selection, decodes: bool, topic: &st
     };
     let known = recording.buses.iter().any(|known| known == bus) && selection.bus(bus);
     let ours = matches!(name, "raw" | "gaps" | "stats" | "frames");
-    known && if decodes { name == "raw" } else { !ours && selection.message(name) }
+    known && if decodes { matches!(name, "raw" | "gaps") } else { !ours && selection.message(name) }
 }
 
 /// Exports raw frames.

@@ -37,8 +37,13 @@ impl Books {
         let more = Facts::from([("kind".to_owned(), kind.to_owned())]);
         let facts = BusFacts { unit: Some(unit), more, ..BusFacts::default() };
         let tally = Arc::new(Tally::default());
-        let bus =
-            RecordedBus { name: name.to_owned(), address: "imported".to_owned(), facts, tally };
+        let bus = RecordedBus {
+            name: name.to_owned(),
+            address: "imported".to_owned(),
+            facts,
+            tally,
+            stream: None,
+        };
         let head = bus.head();
         self.buses.push(bus);
         head

@@ -28,8 +28,9 @@ const NANOSECOND: i16 = 3;
 
 type Offset = WIPOffset<TableFinishedWIPOffset>;
 
-/// Base64 of the encapsulated message.
-pub fn arrow_schema(table: &Table) -> String {
+/// Base64 of the encapsulated message. `facts` are what is known about the table as a whole: readers
+/// of Arrow's schema take them from here only.
+pub fn arrow_schema(table: &Table, facts: &[(String, String)]) -> String {
     let mut builder = Builder { flat: FlatBufferBuilder::new(), dictionaries: 0 };
     let mut fields = vec![builder.time()];
     for column in &table.columns {
@@ -40,10 +41,13 @@ pub fn arrow_schema(table: &Table) -> String {
             fields.push(builder.field(&column.label_name(), Kind::Text, true, &[]));
         }
     }
+    let facts: Vec<Offset> = facts.iter().map(|(key, text)| builder.fact(key, text)).collect();
     let flat = &mut builder.flat;
     let fields = flat.create_vector(&fields);
+    let facts = flat.create_vector(&facts);
     let start = flat.start_table();
     flat.push_slot_always(slot(1), fields);
+    flat.push_slot_always(slot(2), facts);
     let schema = flat.end_table(start);
     let start = flat.start_table();
     flat.push_slot_always(slot(3), 0_i64);
@@ -161,9 +165,10 @@ pub fn width(bits: u8) -> i32 {
     }
 }
 
+const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+
 /// RFC 4648, section 4.
 fn base64(bytes: &[u8]) -> String {
-    const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
     for three in bytes.chunks(3) {
         let word = three.iter().fold(0_usize, |word, byte| word << 8 | usize::from(*byte));
@@ -193,6 +198,6 @@ mod tests {
         let column = Column { name: "Speed".to_owned(), ..Column::default() };
         let table = Table { columns: vec![column], ..Table::default() };
         // 0xFFFFFFFF, then the length.
-        assert!(arrow_schema(&table).starts_with("/////"));
+        assert!(arrow_schema(&table, &[]).starts_with("/////"));
     }
 }

@@ -148,15 +148,14 @@ impl FlatWriter for FlatParquet {
                 continue;
             };
             let bytes = row.text(from, to);
-            let text = match texts.get(bytes) {
-                Some(text) => text.clone(),
-                None => {
-                    let text = ByteArray::from(bytes.to_vec());
-                    if texts.len() < TEXTS {
-                        texts.insert(bytes.to_vec(), text.clone());
-                    }
-                    text
+            let text = if let Some(text) = texts.get(bytes) {
+                text.clone()
+            } else {
+                let text = ByteArray::from(bytes.to_vec());
+                if texts.len() < TEXTS {
+                    texts.insert(bytes.to_vec(), text.clone());
                 }
+                text
             };
             column.values.push_bytes(text);
         }

@@ -81,21 +81,20 @@ pub fn properties(table: &Table, level: i32) -> Result<WriterPropertiesPtr> {
 
 /// What is known about the table, as key and value metadata of the file.
 fn facts(table: &Table) -> Vec<KeyValue> {
-    let mut facts = vec![KeyValue::new("ARROW:schema".to_owned(), arrow_schema(table))];
-    let mut put = |key: String, text: &str| {
-        if !text.is_empty() {
-            facts.push(KeyValue::new(key, text.to_owned()));
-        }
-    };
-    put("bustape.bus".to_owned(), &table.bus);
-    put("bustape.message".to_owned(), &table.message);
-    put("bustape.comment".to_owned(), &table.comment);
-    for (name, text) in &table.facts {
-        put(format!("bustape.{name}"), text);
-    }
+    let own = [("bus", &table.bus), ("message", &table.message), ("comment", &table.comment)];
+    let more = table.facts.iter().map(|(name, text)| (name.as_str(), text));
+    let facts = own.into_iter().chain(more).filter(|(_, text)| !text.is_empty());
+    let facts = facts.map(|(name, text)| (format!("bustape.{name}"), text.clone()));
+    let facts: Vec<(String, String)> = facts.collect();
+    let mut all = vec![KeyValue::new("ARROW:schema".to_owned(), arrow_schema(table, &facts))];
+    all.extend(facts.into_iter().map(|(key, text)| KeyValue::new(key, text)));
     for column in &table.columns {
-        put(format!("bustape.unit.{}", column.name), &column.unit);
-        put(format!("bustape.comment.{}", column.name), &column.comment);
+        for (what, text) in [("unit", &column.unit), ("comment", &column.comment)] {
+            if !text.is_empty() {
+                let key = format!("bustape.{what}.{}", column.name);
+                all.push(KeyValue::new(key, text.clone()));
+            }
+        }
     }
-    facts
+    all
 }

@@ -10,6 +10,7 @@ use crate::frame::Timestamp;
 use crate::text::rfc3339;
 
 const SECOND: u64 = 1_000_000_000;
+const DIGITS: &[u8; 16] = b"0123456789ABCDEF";
 
 /// How times are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -82,7 +83,6 @@ pub fn text_of(row: &Row, value: Value, hex: bool) -> Option<std::borrow::Cow<'_
     if !hex {
         return Some(String::from_utf8_lossy(bytes));
     }
-    const DIGITS: &[u8; 16] = b"0123456789ABCDEF";
     let digits = bytes.iter().flat_map(|byte| [byte >> 4, byte & 15]);
     Some(digits.map(|digit| char::from(DIGITS[usize::from(digit)])).collect::<String>().into())
 }

@@ -95,7 +95,7 @@ def main():
                         chunk = meta.row_group(group).column(column)
                         assert chunk.compression == "ZSTD", chunk
                         assert chunk.statistics is not None, chunk
-                for column, kind in (pair.split("=") for pair in MORE):
+                for column, kind in (pair.split("=", 1) for pair in MORE):
                     if column in table.column_names:
                         assert str(table.schema.field(column).type) == kind, table.schema
     elif KIND == "unified":

@@ -4,7 +4,9 @@ import sys
 import pyarrow.parquet as pq
 
 schema = pq.read_schema(sys.argv[1])
-for key, text in schema.metadata.items():
+facts = pq.ParquetFile(sys.argv[1]).metadata.metadata
+assert schema.metadata[b"bustape.message"] == facts[b"bustape.message"], schema.metadata
+for key, text in facts.items():
     print(f"{key.decode()}={text.decode()}")
 for key, text in schema.field(sys.argv[2]).metadata.items():
     print(f"{key.decode()}:{text.decode()}")

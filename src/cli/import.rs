@@ -31,6 +31,7 @@ pub struct ImportArgs {
 
     /// Rename buses: TO for the only bus of the logs, or FROM=TO. With --format raw the name of the
     /// line, with :tx for bytes that the host sent; one for each LOG, or one for all
+    /// [default: the names in the logs]
     #[arg(long = "bus", value_name = "TO|FROM=TO")]
     pub buses: Vec<String>,
 
@@ -50,7 +51,7 @@ pub struct ImportArgs {
     #[arg(long, value_enum)]
     pub format: Option<Format>,
 
-    /// --format raw: how fast the bytes came, such as 19200 or 19200,8E1, in bits per second
+    /// --format raw: how fast the bytes came, such as 19200 or 19200,8E1, in bits per second [default: none]
     #[arg(long, value_name = "BAUD[,8N1]")]
     pub baud: Option<String>,
 

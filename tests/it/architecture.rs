@@ -58,7 +58,7 @@ const ONLY: [(&str, &str, &[&str]); 4] = [
     ("record", "capture", &["BusFacts"]),
     ("recording", "record", &["weight"]),
     // Decoded channels are messages of a recording.
-    ("export", "recording", &["wire::{Field, Fields}"]),
+    ("export", "recording", &["wire::{Field"]),
 ];
 
 /// The source files without their tests and comments, by path below `src`.

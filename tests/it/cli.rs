@@ -4,7 +4,8 @@ use std::ffi::OsString;
 
 use crate::support::process::{args, bustape};
 
-const COMMANDS: [&str; 7] = ["record", "info", "cat", "convert", "ports", "demo", "export"];
+const COMMANDS: [&str; 8] =
+    ["record", "info", "cat", "convert", "ports", "demo", "export", "import"];
 
 #[test]
 fn wrong_usage_is_refused_with_a_sentence_and_leaves_nothing() {

@@ -31,6 +31,12 @@ pub fn date_and_time(time: Timestamp) -> String {
     utc(time).strftime("%Y-%m-%d %H:%M:%S").to_string()
 }
 
+/// `Tue Nov 14 10:13:20.000 pm 2023`, as Vector's tools print dates, to the millisecond.
+pub fn asc_date(time: Timestamp) -> String {
+    let millis = time.nanos() / 1_000_000 % 1000;
+    utc(time).strftime(&format!("%a %b %d %I:%M:%S.{millis:03} %P %Y")).to_string()
+}
+
 /// A moment: RFC 3339, seconds since 1970, or `+1m30s` after `origin`.
 pub fn parse_moment(text: &str, origin: Timestamp) -> Result<Timestamp, String> {
     let nanos = |duration: Duration| u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);

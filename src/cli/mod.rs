@@ -2,6 +2,7 @@
 
 pub mod decode;
 pub mod export;
+pub mod import;
 pub mod keep;
 pub mod protocols;
 pub mod recover;
@@ -15,6 +16,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use self::decode::DecodeArgs;
 pub use self::export::ExportArgs;
+pub use self::import::ImportArgs;
 pub use self::keep::KeepArgs;
 pub use self::recover::RecoverArgs;
 pub use self::retime::RetimeArgs;
@@ -59,6 +61,8 @@ pub enum Command {
     Keep(KeepArgs),
     /// Make tables of signals, or logs for other tools
     Export(Box<ExportArgs>),
+    /// Make a recording of logs of other tools
+    Import(Box<ImportArgs>),
     /// Add decoded channels to a recording
     Decode(DecodeArgs),
     /// List the CAN interfaces and serial ports of this machine

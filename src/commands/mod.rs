@@ -7,6 +7,7 @@ mod definitions;
 mod demo;
 mod explain;
 mod export;
+mod import;
 mod info;
 mod interrupt;
 mod keep;
@@ -52,6 +53,7 @@ pub fn main() -> ExitCode {
         Command::Keep(args) => keep::run(&args),
         Command::Retime(args) => retime::run(&args),
         Command::Export(args) => export::run(&args),
+        Command::Import(args) => import::run(&args),
         Command::Decode(args) => decode::run(&args),
         Command::Ports(args) => ports::run(&args),
         Command::Demo(args) => demo::run(&args),

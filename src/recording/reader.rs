@@ -71,7 +71,7 @@ impl Recording {
 
     /// Log times of the first and last message.
     pub fn span(&self) -> Option<(Timestamp, Timestamp)> {
-        let spans = || self.segments.iter().map(|s| s.statistics.span).filter(|s| s.0 != 0);
+        let spans = || self.segments.iter().map(|s| s.statistics.span).filter(|s| s.1 != 0);
         let (start, end) = (spans().map(|s| s.0).min()?, spans().map(|s| s.1).max()?);
         Some((Timestamp(start), Timestamp(end)))
     }

@@ -28,7 +28,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("address", &["capture", "simulate"]),
     // Where something may be sent.
     ("permit", &["sys"]),
-    ("cli", &["text", "record", "recording", "simulate"]),
+    ("cli", &["text", "import", "record", "recording", "simulate"]),
     (
         "commands",
         &[
@@ -61,7 +61,7 @@ const ONLY: [(&str, &str, &[&str]); 4] = [
     ("record", "capture", &["BusFacts"]),
     ("recording", "record", &["weight"]),
     // Decoded channels are messages of a recording.
-    ("export", "recording", &["wire::{Field, Fields}"]),
+    ("export", "recording", &["wire::{Field"]),
 ];
 
 /// The source files without their tests and comments, by path below `src`.

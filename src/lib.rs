@@ -13,6 +13,7 @@
 
 pub mod address;
 pub mod capture;
+pub mod channels;
 pub mod cli;
 pub mod clock;
 pub mod commands;

@@ -1,13 +1,17 @@
 //! Every command and option, defined and documented once.
 
+pub mod decode;
 pub mod export;
+pub mod import;
 
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+pub use decode::DecodeArgs;
 use export::ExportArgs;
+use import::ImportArgs;
 
 use crate::recording::writer::Layout;
 use crate::text::{parse_duration, parse_size};
@@ -42,6 +46,10 @@ pub enum Command {
     Convert(ConvertArgs),
     /// Make tables of signals, or logs for other tools
     Export(Box<ExportArgs>),
+    /// Make a recording of logs of other tools
+    Import(Box<ImportArgs>),
+    /// Add decoded channels to a recording
+    Decode(DecodeArgs),
     /// List the CAN interfaces and serial ports of this machine
     Ports(PortsArgs),
     /// Record a simulated power station, without any hardware

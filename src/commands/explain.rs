@@ -1,7 +1,6 @@
 //! `bustape explain`: what frames mean.
 
 mod can;
-mod candump;
 mod json;
 mod plain;
 pub mod serial;
@@ -53,7 +52,8 @@ pub fn run(args: &ExplainArgs) -> Result<Ended> {
     Ok(if incomplete || skipped { Ended::WithLoss } else { Ended::Well })
 }
 
-fn say_oddities(protocol: &CanProtocol, parsed: &Parsed) {
+/// Says what is odd in the file of a protocol.
+pub fn say_oddities(protocol: &CanProtocol, parsed: &Parsed) {
     let (name, list) = (protocol.name(), parsed.oddities.list());
     for oddity in list.iter().take(SAID) {
         output::warning(&protocols::oddity_text(&name, oddity));

@@ -1,8 +1,10 @@
 //! `bustape export`: tables of signals, and frames in the formats of other tools.
 
-mod input;
+mod decoders;
+pub(super) mod input;
 mod selection;
 mod tables;
+mod target;
 
 use anyhow::Result;
 

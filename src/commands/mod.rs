@@ -2,15 +2,19 @@
 
 mod cat;
 mod convert;
+mod decode;
+mod definitions;
 mod demo;
 mod explain;
 mod export;
+mod import;
 mod info;
 mod interrupt;
 mod output;
 mod ports;
 mod protocols;
 mod record;
+mod rewrite;
 mod status;
 
 use std::process::ExitCode;
@@ -41,6 +45,8 @@ pub fn main() -> ExitCode {
         Command::Cat(args) => cat::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Export(args) => export::run(&args),
+        Command::Import(args) => import::run(&args),
+        Command::Decode(args) => decode::run(&args),
         Command::Ports(args) => ports::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Explain(args) => explain::run(&args),

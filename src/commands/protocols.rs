@@ -35,11 +35,17 @@ pub fn named(text: &str) -> Result<CanProtocol> {
 
 /// Reads and parses it.
 pub fn load(protocol: &CanProtocol) -> Result<Parsed> {
+    load_with_bytes(protocol).map(|(parsed, _)| parsed)
+}
+
+/// The same, with the bytes of the file.
+pub fn load_with_bytes(protocol: &CanProtocol) -> Result<(Parsed, Vec<u8>)> {
     let bytes = match protocol {
         CanProtocol::BuiltIn { text, .. } => text.as_bytes().to_vec(),
         CanProtocol::File { path, .. } => read(path)?,
     };
-    dbc::parse(&bytes).with_context(|| format!("cannot use {}", protocol.name()))
+    let parsed = dbc::parse(&bytes).with_context(|| format!("cannot use {}", protocol.name()))?;
+    Ok((parsed, bytes))
 }
 
 // Reads one byte more than is allowed, so that the parser sees what is too large.

@@ -1,6 +1,6 @@
 //! `bustape record`: sources, queue, writer, and the person who stops it.
 
-mod about;
+pub(super) mod about;
 mod plan;
 mod report;
 mod watch;

@@ -33,6 +33,8 @@ impl Check {
 /// The message that a frame carries.
 #[derive(Clone, Copy, Debug)]
 pub struct Match<'a> {
+    /// Its place in [`Database::messages`].
+    pub index: usize,
     /// What the database says about it.
     pub message: &'a Message,
     /// The length of the frame.
@@ -90,7 +92,16 @@ impl CanDecoder {
         let message = self.database.messages.get(index)?;
         let plan = self.plans.get(index)?;
         let check = check(message, frame);
-        Some(Match { message, check, j1939: group.map(|(_, id)| id), plan })
+        Some(Match { index, message, check, j1939: group.map(|(_, id)| id), plan })
+    }
+
+    /// Gives every signal that is in `data` to `visit`, as [`Match::decode`] does, when the message
+    /// is known by its index already.
+    #[inline]
+    pub fn decode(&self, index: usize, data: &[u8], visit: impl FnMut(Reading)) {
+        if let Some(plan) = self.plans.get(index) {
+            plan.decode(&Payload::new(data), visit);
+        }
     }
 
     /// By number and source address, else by number: databases give messages the address 0xFE

@@ -1,12 +1,53 @@
 //! Out of a recording: tables of signals, and frames in the formats of other tools.
 
+pub mod can_table;
+pub mod catalogue;
 pub mod frames;
 pub mod output;
+pub mod parquet;
+pub mod period;
+pub mod table;
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::io;
 
-use crate::frame::{Frame, Stamped};
+use crate::frame::{Frame, Stamped, Timestamp};
+use catalogue::Catalogue;
+
+/// Writes rows of many tables in one format. Rows come in the order of the input.
+pub trait TableWriter {
+    /// Writes a row: `payload` is what the plan of the table decodes.
+    fn write(
+        &mut self,
+        catalogue: &Catalogue,
+        table: u32,
+        time: Timestamp,
+        payload: &[u8],
+    ) -> io::Result<()>;
+    /// Completes the output.
+    fn finish(&mut self, catalogue: &Catalogue) -> io::Result<()>;
+    /// Files written so far.
+    fn files(&self) -> u64;
+}
+
+/// A name of a bus or message as part of a path: what is no letter, digit, `_`, `-` or `.` is
+/// written as `%` and two hexadecimal digits, which readers of datasets undo.
+pub fn path_name(name: &str) -> String {
+    name.bytes().enumerate().fold(String::new(), |mut text, (at, byte)| {
+        match byte {
+            b'.' if at == 0 => text.push_str("%2E"),
+            b'0'..=b'9' | b'A'..=b'Z' | b'a'..=b'z' | b'_' | b'-' | b'.' => {
+                text.push(char::from(byte));
+            }
+            _ => {
+                // Writing to a String cannot fail.
+                let _ = write!(text, "%{byte:02X}");
+            }
+        }
+        text
+    })
+}
 
 /// A bus, as the head of a log has it.
 #[derive(Clone, Debug, PartialEq, Eq)]

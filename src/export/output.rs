@@ -150,8 +150,9 @@ impl OutputFolder {
         &self.part
     }
 
-    /// Gives the folder its name.
+    /// Gives the folder its name, after each `NAME.part` in it has become `NAME`.
     pub fn finish(mut self) -> Result<(), OutputError> {
+        name_parts(&self.part)?;
         if self.force && self.path.is_dir() {
             refuse_foreign(&self.path)?;
             fs::remove_dir_all(&self.path).map_err(|e| failed("replace", &self.path, &e))?;
@@ -168,6 +169,22 @@ impl Drop for OutputFolder {
             fs::remove_dir_all(&self.part).ok();
         }
     }
+}
+
+fn name_parts(folder: &Path) -> Result<(), OutputError> {
+    let mut folders = vec![folder.to_owned()];
+    while let Some(inside) = folders.pop() {
+        for entry in fs::read_dir(&inside).map_err(|e| failed("read", &inside, &e))? {
+            let path = entry.map_err(|e| failed("read", &inside, &e))?.path();
+            if path.is_dir() {
+                folders.push(path);
+            } else if path.extension().is_some_and(|ending| ending == "part") {
+                fs::rename(&path, path.with_extension(""))
+                    .map_err(|e| failed("name", &path, &e))?;
+            }
+        }
+    }
+    Ok(())
 }
 
 fn failed(what: &str, path: &Path, error: &io::Error) -> OutputError {

@@ -1,12 +1,42 @@
 //! Logs of other tools, read as frames: one reader a format, one shape for what comes out.
 
+pub mod asc;
 pub mod blf;
+pub mod candump;
+pub mod csv;
+pub mod dates;
+pub mod digits;
+pub mod expand;
+pub mod format;
+pub mod lines;
 mod little_endian;
+pub mod merge;
 pub mod mf4;
+pub mod names;
+pub mod pcap;
+pub mod raw;
+pub mod trc;
 
 use std::io;
 
+use jiff::tz::TimeZone;
+
 use crate::frame::{Frame, Stamped};
+
+/// What a person says about logs that they do not say themselves.
+#[derive(Clone, Debug)]
+pub struct Settings {
+    /// Where the clock stood that wrote dates without a zone.
+    pub zone: TimeZone,
+    /// The line that raw bytes were on.
+    pub line: Option<raw::Line>,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self { zone: TimeZone::UTC, line: None }
+    }
+}
 
 /// A frame of a log, and the bus it was on: an index into [`LogReader::buses`].
 #[derive(Clone, Debug, PartialEq)]

@@ -13,7 +13,7 @@ mod segments;
 mod tally;
 mod wire;
 
-pub use bus::RecordedBus;
+pub use bus::{RecordedBus, summary};
 pub use inlet::{Allowance, Inlet};
 pub use progress::{Progress, State};
 pub use queue::{BusIndex, Item, Queue, weight};

@@ -17,6 +17,8 @@ pub struct Chunk {
     start: u64,
     end: u64,
     messages: u64,
+    /// Bytes of `records` up to the end of the last one that is complete.
+    whole: usize,
 }
 
 /// A message whose payload is being appended; see [`Chunk::begin`].
@@ -66,11 +68,18 @@ impl Chunk {
         self.start = if self.messages == 0 { time } else { self.start.min(time) };
         self.end = self.end.max(time);
         self.messages += 1;
+        self.whole = self.records.len();
+    }
+
+    /// Takes back a message that was begun and not completed.
+    pub fn abandon(&mut self) {
+        self.records.truncate(self.whole);
     }
 
     /// Appends a schema or channel record.
     pub fn define(&mut self, record: &[u8]) {
         self.records.extend_from_slice(record);
+        self.whole = self.records.len();
     }
 
     /// True when there is no message. Such a chunk must not be written: readers take its start
@@ -107,6 +116,7 @@ impl Chunk {
     /// Empties the chunk, keeping its buffers.
     pub fn clear(&mut self) {
         self.records.clear();
+        self.whole = 0;
         self.index.iter_mut().for_each(Vec::clear);
         (self.start, self.end, self.messages) = (0, 0, 0);
     }

@@ -297,6 +297,11 @@ impl Container {
         result
     }
 
+    /// Channels defined so far.
+    pub fn channels(&self) -> usize {
+        self.statistics.channel_count as usize
+    }
+
     /// Bytes in the file so far.
     pub fn position(&self) -> u64 {
         self.position

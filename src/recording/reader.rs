@@ -70,7 +70,7 @@ impl Recording {
 
     /// Log times of the first and last message.
     pub fn span(&self) -> Option<(Timestamp, Timestamp)> {
-        let spans = || self.segments.iter().map(|s| s.statistics.span).filter(|s| s.0 != 0);
+        let spans = || self.segments.iter().map(|s| s.statistics.span).filter(|s| s.1 != 0);
         let (start, end) = (spans().map(|s| s.0).min()?, spans().map(|s| s.1).max()?);
         Some((Timestamp(start), Timestamp(end)))
     }
@@ -82,11 +82,28 @@ impl Recording {
         range: RangeInclusive<Timestamp>,
         wanted: impl Fn(&str) -> bool,
     ) -> Entries<'_> {
+        self.read(range, |segment| self.kinds(segment, &wanted))
+    }
+
+    /// Every message as it stands in the file, in time order: frames as [`Entry::Message`], too.
+    /// [`Carriers::frames`] tells what is in one.
+    pub fn messages(&self) -> Entries<'_> {
+        let other = |kind| if let Kind::Unwanted = kind { kind } else { Kind::Other };
+        self.read(Self::ALL, |segment| {
+            self.kinds(segment, |_| true).into_iter().map(other).collect()
+        })
+    }
+
+    fn read(
+        &self,
+        range: RangeInclusive<Timestamp>,
+        kinds_of: impl Fn(&Segment) -> Vec<Kind>,
+    ) -> Entries<'_> {
         let (from, to) = (range.start().nanos(), range.end().nanos());
         let mut chunks = Vec::new();
         let mut kinds = Vec::new();
         for (index, segment) in self.segments.iter().enumerate() {
-            let of_segment = self.kinds(segment, &wanted);
+            let of_segment = kinds_of(segment);
             let ids = (0u16..).zip(&of_segment).filter(|(_, kind)| !matches!(kind, Kind::Unwanted));
             let mask = ids.fold(0, |mask, (id, _)| mask | channel_bit(id));
             let batch = segment.fact("bustape.recording", "batch_max_ns");
@@ -103,6 +120,11 @@ impl Recording {
         chunks.reverse();
         let (ready, records) = (Vec::new(), Vec::new());
         Entries { recording: self, range, chunks, kinds, ready, records, damage: Vec::new() }
+    }
+
+    /// For each segment what its channels carry, for [`Carriers::frames`].
+    pub fn carriers(&self) -> Carriers {
+        Carriers(self.segments.iter().map(|segment| self.kinds(segment, |_| true)).collect())
     }
 
     /// What each channel of a segment carries, by channel id.
@@ -131,6 +153,54 @@ impl Recording {
     /// The segments that were not finished.
     pub fn unfinished(&self) -> impl Iterator<Item = &Segment> {
         self.segments.iter().filter(|segment| segment.ending != Ending::Finished)
+    }
+}
+
+/// What every channel of a recording carries; see [`Recording::carriers`].
+pub struct Carriers(Vec<Vec<Kind>>);
+
+impl Carriers {
+    /// The bus whose frames are on a channel: its index in [`Recording::buses`].
+    pub fn bus(&self, segment: usize, channel: u16) -> Option<usize> {
+        match self.kind(segment, channel) {
+            Kind::CanFrame(bus) | Kind::CanBatch(bus) | Kind::Serial(bus) | Kind::Gap(bus) => {
+                Some(bus)
+            }
+            Kind::Other | Kind::Unwanted => None,
+        }
+    }
+
+    /// Puts the frames in a message of that channel into `frames`; false when it is not understood.
+    pub fn frames(
+        &self,
+        (segment, channel): (usize, u16),
+        time: Timestamp,
+        data: &[u8],
+        frames: &mut Vec<Stamped<Frame>>,
+    ) -> bool {
+        let frame = match self.kind(segment, channel) {
+            Kind::CanBatch(_) => {
+                let batch = can_batch::decode(time, data);
+                let known = batch.is_some();
+                let batch = batch.into_iter().flatten();
+                frames.extend(
+                    batch.map(|can| Stamped { time: can.time, value: Frame::Can(can.value) }),
+                );
+                return known;
+            }
+            Kind::CanFrame(_) => can_frame::decode(data).map(Frame::Can),
+            Kind::Serial(_) => message::decode_serial(data).map(Frame::Serial),
+            Kind::Gap(_) => message::decode_gap(data).map(Frame::Gap),
+            Kind::Other | Kind::Unwanted => None,
+        };
+        let known = frame.is_some();
+        frames.extend(frame.map(|value| Stamped { time, value }));
+        known
+    }
+
+    fn kind(&self, segment: usize, channel: u16) -> Kind {
+        let kinds = self.0.get(segment);
+        kinds.and_then(|kinds| kinds.get(usize::from(channel))).copied().unwrap_or(Kind::Unwanted)
     }
 }
 

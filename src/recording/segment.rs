@@ -242,7 +242,7 @@ impl Segment {
             [0, 8].map(|i| u64::from_le_bytes(std::array::from_fn(|byte| times[i + byte])));
         self.chunks.push(ChunkRef { start, end: stop, offset: at, length: end - at, channels: 0 });
         let span = &mut self.statistics.span;
-        *span = if span.0 == 0 { (start, stop) } else { (span.0.min(start), span.1.max(stop)) };
+        *span = if span.1 == 0 { (start, stop) } else { (span.0.min(start), span.1.max(stop)) };
         Ok(())
     }
 

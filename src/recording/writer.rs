@@ -142,6 +142,13 @@ impl SegmentWriter {
         })
     }
 
+    /// Adds a bus that was not known when the segment was created: its number is the next one.
+    pub fn add_bus(&mut self, name: &str, facts: Facts) -> io::Result<()> {
+        self.container.metadata(&format!("bustape.bus.{name}"), facts)?;
+        self.buses.push(Bus::new(name, self.options.batch_frames));
+        Ok(())
+    }
+
     /// Adds something that happened on bus number `bus`.
     pub fn add(&mut self, bus: usize, frame: &Stamped<Frame>) -> io::Result<()> {
         match &frame.value {
@@ -162,7 +169,9 @@ impl SegmentWriter {
         if self.options.layout == Layout::Batch {
             let batch = &mut self.buses[bus].batch;
             let too_long = batch.first().is_some_and(|t| time.since(t) > self.options.batch_nanos);
-            if batch.is_full() || too_long {
+            // A batch keeps times in order, which those of an imported log need not be.
+            let back = batch.last().is_some_and(|last| time < last);
+            if batch.is_full() || too_long || back {
                 self.finish_batch(bus)?;
             }
             self.buses[bus].batch.push(time, frame);
@@ -282,6 +291,32 @@ impl SegmentWriter {
         out.extend_from_slice(data);
         self.chunk.end(open);
         self.note(time);
+    }
+
+    /// Adds a message of a channel defined before; `write` appends its payload. It was known at
+    /// `now`, which may be later than its own time.
+    #[inline]
+    pub fn add_with(
+        &mut self,
+        channel: u16,
+        time: Timestamp,
+        now: Timestamp,
+        write: impl FnOnce(&mut Vec<u8>),
+    ) {
+        let (open, out) = self.chunk.begin(channel, time);
+        write(out);
+        self.chunk.end(open);
+        self.note(now);
+    }
+
+    /// Takes back a message whose `write` has panicked.
+    pub fn abandon(&mut self) {
+        self.chunk.abandon();
+    }
+
+    /// How many channels the file has so far.
+    pub fn channels(&self) -> usize {
+        self.container.channels()
     }
 
     fn note(&mut self, time: Timestamp) {

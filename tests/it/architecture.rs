@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// For each part what it may use: all that there is to know about where a change can have effects.
-const ARROWS: [(&str, &[&str]); 17] = [
+const ARROWS: [(&str, &[&str]); 18] = [
     ("frame", &[]),
     ("clock", &["frame"]),
     ("text", &["frame"]),
@@ -13,7 +13,7 @@ const ARROWS: [(&str, &[&str]); 17] = [
     // Capture never touches the disk.
     ("capture", &["frame", "clock", "sys", "record"]),
     ("recording", &["frame", "record"]),
-    ("record", &["frame", "clock", "text", "recording", "capture"]),
+    ("record", &["frame", "clock", "text", "recording", "capture", "channels"]),
     ("simulate", &["frame", "clock", "sys", "capture", "record"]),
     // What frames mean: no files, no buses.
     ("decode", &["frame"]),
@@ -22,13 +22,16 @@ const ARROWS: [(&str, &[&str]); 17] = [
     ("import", &["frame", "text"]),
     // Tables and logs for other tools; where the frames come from does not matter here.
     ("export", &["decode", "frame", "text"]),
+    // What frames mean, as messages of a recording.
+    ("channels", &["frame", "decode", "protocol", "recording"]),
     ("address", &["capture", "simulate"]),
-    ("cli", &["text", "recording"]),
+    ("cli", &["text", "import", "recording"]),
     (
         "commands",
         &[
             "address",
             "capture",
+            "channels",
             "cli",
             "clock",
             "decode",

@@ -21,12 +21,14 @@
 )]
 
 mod architecture;
+mod blf;
 mod cat;
 mod cli;
 mod convert;
 mod disk;
 mod hostile;
 mod kill;
+mod mf4;
 mod record;
 mod segments;
 mod serial;

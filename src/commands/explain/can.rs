@@ -5,10 +5,10 @@ use std::io::{BufWriter, StdoutLock, Write as _};
 use anyhow::Result;
 
 use super::super::output;
-use super::candump::{self, Line};
 use super::{json, plain};
 use crate::decode::can::{CanDecoder, Match, Reading};
 use crate::frame::CanFlags;
+use crate::import::candump::line::{self, Line};
 
 /// A frame and what it means.
 pub struct Explained<'a> {
@@ -41,7 +41,7 @@ impl Explainer {
 
     /// Explains one line of candump's; the inner error says why it is none.
     pub fn line(&mut self, text: &str) -> Result<Result<(), String>> {
-        let line = match candump::line(text) {
+        let line = match line::line(text.as_bytes()) {
             Ok(line) => line,
             Err(why) => return Ok(Err(why)),
         };

@@ -24,7 +24,7 @@ pub fn text(explained: &Explained<'_>) -> String {
     }
     let (frame, has) = (&line.frame, |flag| line.frame.flags.has(flag));
     let mut value = json!({
-        "time": line.time.map(rfc3339),
+        "time": line.time.map(|time| rfc3339(time.stamp())),
         "bus": line.bus,
         "id": identifier(frame),
         "ext": has(CanFlags::EXTENDED),

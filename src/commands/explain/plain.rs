@@ -12,7 +12,7 @@ use crate::text::{printable, rfc3339};
 pub fn text(explained: &Explained<'_>) -> String {
     let line = &explained.line;
     let mut head = Vec::new();
-    head.extend(line.time.map(rfc3339));
+    head.extend(line.time.map(|time| rfc3339(time.stamp())));
     head.extend(line.bus.map(printable));
     let mut frame = Vec::new();
     cat::candump::put(&mut frame, &line.frame);

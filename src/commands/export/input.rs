@@ -1,13 +1,17 @@
-//! What an export reads: recordings.
+//! What an export reads: recordings, or logs of other tools.
 
-use std::io::IsTerminal as _;
+use std::fs::File;
+use std::io::{IsTerminal as _, Read as _};
 use std::ops::RangeInclusive;
+use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Context as _, Result, bail};
 
+use super::selection::Selection;
 use crate::commands::interrupt::Interrupt;
-use crate::commands::{Ended, info, output};
-use crate::frame::{Stamped, Timestamp};
+use crate::commands::{Ended, UsageError, info, output};
+use crate::frame::{Frame, Stamped, Timestamp};
+use crate::import::{LogFrame, LogReader, Settings, format};
 use crate::recording::reader::{Entry, Recording};
 
 /// Entries between two looks at what a person wants and is told.
@@ -74,4 +78,101 @@ impl Progress {
             anstream::eprint!("\r     \r");
         }
     }
+}
+
+/// What the files are.
+pub enum Source {
+    /// Segments of a recording.
+    Recording(Recording),
+    /// Logs of other tools.
+    Logs(Vec<PathBuf>),
+}
+
+impl Source {
+    /// Opens recordings; logs are opened when their turn comes.
+    pub fn open(files: &[PathBuf]) -> Result<Self> {
+        let mut recordings = 0;
+        for file in files {
+            recordings += usize::from(is_recording(file)?);
+        }
+        match recordings {
+            0 => Ok(Self::Logs(files.to_vec())),
+            count if count == files.len() => Ok(Self::Recording(Recording::open(files)?)),
+            _ => bail!(UsageError(
+                "some of the files are recordings and some are logs of other tools; export them \
+                 one by one"
+                    .to_owned()
+            )),
+        }
+    }
+}
+
+/// True for a folder, and for a file that begins as MCAP files do.
+fn is_recording(path: &Path) -> Result<bool> {
+    let unreadable = || format!("cannot read {}", path.display());
+    if path.is_dir() {
+        return Ok(true);
+    }
+    let mut head = Vec::new();
+    let file = File::open(path).with_context(unreadable)?;
+    file.take(mcap::MAGIC.len() as u64).read_to_end(&mut head).with_context(unreadable)?;
+    Ok(head == mcap::MAGIC || path.extension().is_some_and(|ending| ending == "mcap"))
+}
+
+/// Gives each frame of the logs, one log after the other, to `visit` with the name of its bus.
+pub fn each_of_logs(
+    logs: &[PathBuf],
+    selection: &Selection,
+    interrupt: &Interrupt,
+    mut visit: impl FnMut(&str, &Stamped<Frame>) -> Result<()>,
+) -> Result<Ended> {
+    let mut ended = Ended::Well;
+    let mut range = None;
+    let mut frames = Vec::new();
+    for path in logs {
+        let unreadable = || format!("cannot read {}", path.display());
+        let mut reader = open_log(path)?;
+        loop {
+            frames.clear();
+            let more = reader.read(&mut frames).with_context(unreadable)?;
+            for LogFrame { bus, frame } in &frames {
+                let range = match &range {
+                    Some(range) => range,
+                    None => range.insert(selection.range(frame.time)?),
+                };
+                let name = reader.buses().get(usize::from(*bus)).map_or("?", String::as_str);
+                if range.contains(&frame.time) {
+                    visit(name, frame)?;
+                }
+            }
+            interrupt.check()?;
+            if !more {
+                break;
+            }
+        }
+        ended = if say_skipped(path, &*reader) { Ended::WithLoss } else { ended };
+    }
+    Ok(ended)
+}
+
+/// A log of another tool, its format found by its content.
+fn open_log(path: &Path) -> Result<Box<dyn LogReader>> {
+    let opened = format::open(path, None, &Settings::default());
+    Ok(opened.with_context(|| format!("cannot read {}", path.display()))?.reader)
+}
+
+/// Says what of a log could not be taken; true if there is anything.
+fn say_skipped(path: &Path, reader: &dyn LogReader) -> bool {
+    let skipped = reader.skipped();
+    for (place, reason) in &skipped.first {
+        output::warning(&format!("{}: {place}: {reason}", path.display()));
+    }
+    let more = skipped.count.saturating_sub(skipped.first.len() as u64);
+    if more > 0 {
+        output::warning(&format!("{}: {more} more could not be taken", path.display()));
+    }
+    for sentence in reader.notes() {
+        output::note(&format!("{}: {sentence}", path.display()));
+    }
+    skipped.count > 0
 }

@@ -146,6 +146,12 @@ impl Signal {
 
     /// The text of a raw value (its bits, sign not extended).
     pub fn label(&self, raw: u64) -> Option<&str> {
+        let (_, text) = self.labels.as_ref()?.get(self.label_index(raw)?)?;
+        Some(text)
+    }
+
+    /// Where in the value table the text of a raw value is.
+    pub fn label_index(&self, raw: u64) -> Option<usize> {
         let labels = self.labels.as_ref()?;
         let key = match self.number {
             Number::Unsigned => i128::from(raw),
@@ -156,8 +162,7 @@ impl Signal {
             Number::Float32 => whole(f64::from(f32::from_bits(u32::try_from(raw).ok()?)))?,
             Number::Float64 => whole(f64::from_bits(raw))?,
         };
-        let index = labels.binary_search_by_key(&key, |(value, _)| *value).ok()?;
-        labels.get(index).map(|(_, text)| &**text)
+        labels.binary_search_by_key(&key, |(value, _)| *value).ok()
     }
 }
 

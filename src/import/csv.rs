@@ -1,0 +1,319 @@
+//! CSV of frames: the columns of `bustape export --format frames-csv`, those of python-can
+//! (`can.io.csv`), or any of their names in any order.
+
+use std::io::Read;
+
+use super::digits::{decimal, hex, hex_pair, seconds, shown};
+use super::lines::Lines;
+use super::names::Names;
+use super::{ImportError, LogFrame, LogReader, Skipped};
+use crate::frame::{CAN_MAX_DATA, CanFlags, CanFrame, Frame, Stamped, Timestamp};
+
+/// Most frames given at once.
+const BATCH: usize = 4096;
+/// The bus of frames that name none.
+const UNNAMED: &str = "can0";
+
+/// What a column holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Column {
+    Time,
+    Bus,
+    Id,
+    /// A property that is there when the field is 1 or true.
+    Flag(CanFlags),
+    Direction,
+    Dlc,
+    Hex,
+    Base64,
+    Unknown,
+}
+
+impl Column {
+    fn of(name: &[u8]) -> Self {
+        match name.to_ascii_lowercase().as_slice() {
+            b"time" | b"timestamp" => Self::Time,
+            b"bus" | b"channel" => Self::Bus,
+            b"id" | b"arbitration_id" => Self::Id,
+            b"ext" | b"extended" => Self::Flag(CanFlags::EXTENDED),
+            b"rtr" | b"remote" => Self::Flag(CanFlags::REMOTE),
+            b"error" => Self::Flag(CanFlags::ERROR),
+            b"fd" => Self::Flag(CanFlags::FD),
+            b"brs" => Self::Flag(CanFlags::BRS),
+            b"esi" => Self::Flag(CanFlags::ESI),
+            b"dir" | b"direction" => Self::Direction,
+            b"dlc" => Self::Dlc,
+            b"data" | b"data_hex" => Self::Hex,
+            _ => Self::Unknown,
+        }
+    }
+}
+
+/// The columns, by the first line of a file.
+fn columns(head: &[u8]) -> Option<(Vec<Column>, u8)> {
+    let head = head.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(head);
+    let line = head.split(|&byte| byte == b'\n').next()?.trim_ascii();
+    let separator = if line.contains(&b';') { b';' } else { b',' };
+    let mut columns: Vec<Column> =
+        line.split(|&byte| byte == separator).map(|name| Column::of(unquoted(name))).collect();
+    let has = |column| columns.contains(&column);
+    if !(has(Column::Time) && has(Column::Id) && has(Column::Hex)) {
+        return None;
+    }
+    // python-can's own columns have its own data.
+    if line.starts_with(b"timestamp,arbitration_id,extended,remote,error,dlc,data") {
+        columns
+            .iter_mut()
+            .filter(|column| **column == Column::Hex)
+            .for_each(|column| *column = Column::Base64);
+    }
+    Some((columns, separator))
+}
+
+/// True for a text whose first line names the columns of frames.
+pub fn recognises(head: &[u8]) -> bool {
+    columns(head).is_some()
+}
+
+/// Reads a log.
+pub struct Reader {
+    lines: Lines,
+    columns: Vec<Column>,
+    separator: u8,
+    names: Names,
+    skipped: Skipped,
+    notes: Vec<String>,
+    relative: bool,
+}
+
+/// A log whose beginning is `head`, which `input` gives again.
+pub fn open(input: Box<dyn Read>, head: &[u8]) -> Result<Reader, ImportError> {
+    let (columns, separator) = columns(head).ok_or_else(|| {
+        ImportError::Format(
+            "it is no CSV of frames: its first line does not name the columns time, id and data"
+                .to_owned(),
+        )
+    })?;
+    let mut lines = Lines::new(input);
+    lines.next()?;
+    let (names, skipped) = (Names::default(), Skipped::default());
+    Ok(Reader { lines, columns, separator, names, skipped, notes: Vec::new(), relative: false })
+}
+
+impl LogReader for Reader {
+    fn read(&mut self, into: &mut Vec<LogFrame>) -> Result<bool, ImportError> {
+        let Self { lines, columns, separator, names, skipped, .. } = self;
+        let enough = into.len() + BATCH;
+        while into.len() < enough {
+            let Some((number, text)) = lines.next()? else {
+                lines.report_end(skipped, &mut self.notes);
+                return Ok(false);
+            };
+            if text.is_empty() {
+                continue;
+            }
+            match row(text, columns, *separator, names) {
+                Ok(frame) => {
+                    // Seconds since 1970 are above a billion since 2001.
+                    if names.list().len() == 1 && frame.frame.time.nanos() < 100_000_000_000_000_000
+                    {
+                        self.relative = true;
+                    }
+                    into.push(frame);
+                }
+                Err(why) => skipped.add(|| format!("line {number}"), || why),
+            }
+        }
+        Ok(true)
+    }
+
+    fn buses(&self) -> &[String] {
+        self.names.list()
+    }
+
+    fn skipped(&self) -> &Skipped {
+        &self.skipped
+    }
+
+    fn times_are_relative(&self) -> bool {
+        self.relative
+    }
+
+    fn notes(&self) -> &[String] {
+        &self.notes
+    }
+}
+
+fn row(
+    text: &[u8],
+    columns: &[Column],
+    separator: u8,
+    names: &mut Names,
+) -> Result<LogFrame, String> {
+    let (mut time, mut id, mut flags, mut dlc) = (None, None, CanFlags::default(), 0);
+    let mut bus = None;
+    let (mut data, mut length) = ([0; CAN_MAX_DATA], 0);
+    let mut fields = text.split(|&byte| byte == separator);
+    for column in columns {
+        let field = unquoted(fields.next().ok_or("it has fewer fields than the first line")?);
+        let wrong = |what: &str| format!("\"{}\" is no {what}", shown(field));
+        match column {
+            Column::Time => time = Some(moment(field).ok_or_else(|| wrong("time"))?),
+            Column::Bus if field.is_empty() => {}
+            Column::Bus => bus = Some(str::from_utf8(field).map_err(|_| wrong("name of a bus"))?),
+            Column::Id => {
+                let digits = field.strip_prefix(b"0x").or_else(|| field.strip_prefix(b"0X"));
+                id = Some(hex(digits.unwrap_or(field)).ok_or_else(|| wrong("identifier"))?);
+            }
+            Column::Flag(flag) => match field.to_ascii_lowercase().as_slice() {
+                b"1" | b"true" => flags |= *flag,
+                b"0" | b"false" | b"" => {}
+                _ => return Err(wrong("flag (0 or 1)")),
+            },
+            Column::Direction => match field.to_ascii_lowercase().as_slice() {
+                b"tx" => flags |= CanFlags::TX,
+                b"rx" | b"" => {}
+                _ => return Err(wrong("direction (rx or tx)")),
+            },
+            Column::Dlc if field.is_empty() => {}
+            Column::Dlc => {
+                let number = decimal(field).filter(|dlc| *dlc <= CAN_MAX_DATA as u64);
+                #[allow(clippy::cast_possible_truncation, reason = "at most 64")]
+                let number = number.ok_or_else(|| wrong("length"))? as u8;
+                dlc = number;
+            }
+            Column::Hex => length = hex_bytes(field, &mut data).ok_or_else(|| wrong("data"))?,
+            Column::Base64 => length = base64(field, &mut data).ok_or_else(|| wrong("data"))?,
+            Column::Unknown => {}
+        }
+    }
+    let (time, id) = (time.unwrap_or_default(), id.unwrap_or_default());
+    let wide = flags.has(CanFlags::EXTENDED) || flags.has(CanFlags::ERROR);
+    if id > if wide { 0x1FFF_FFFF } else { 0x7FF } {
+        return Err(format!("its identifier {id:X} is too large"));
+    }
+    let fd = flags.has(CanFlags::FD) || length > 8;
+    if fd {
+        flags |= CanFlags::FD;
+    }
+    if flags.has(CanFlags::ERROR) {
+        flags = CanFlags(flags.0 & !CanFlags::EXTENDED.0);
+    }
+    // Other lengths than that of the data have a meaning for two kinds of frames only.
+    let raw = match dlc {
+        _ if flags.has(CanFlags::REMOTE) => dlc.min(15),
+        9..=15 if !fd && length == 8 => dlc,
+        _ => 0,
+    };
+    let data = if flags.has(CanFlags::REMOTE) { &[] } else { &data[..length] };
+    let value = Frame::Can(CanFrame::new(id, flags, data).with_dlc(raw));
+    let bus = names.index(bus.unwrap_or(UNNAMED))?;
+    Ok(LogFrame { bus, frame: Stamped { time, value } })
+}
+
+fn moment(field: &[u8]) -> Option<Timestamp> {
+    if let Some(nanos) = seconds(field) {
+        return Some(Timestamp(nanos));
+    }
+    let text = str::from_utf8(field).ok()?;
+    // Python writes small and large numbers with an exponent.
+    if let Some((number, _)) =
+        text.split_once(['e', 'E']).filter(|(number, _)| !number.contains(':'))
+    {
+        let value: f64 = text.parse().ok().filter(|_| !number.is_empty())?;
+        #[allow(clippy::cast_possible_truncation, reason = "a float's cast stays in the range")]
+        return (value >= 0.0).then_some(Timestamp((value * 1e9) as u64));
+    }
+    crate::text::parse_moment(&text.replacen(' ', "T", 1), Timestamp(0)).ok()
+}
+
+fn unquoted(field: &[u8]) -> &[u8] {
+    let field = field.trim_ascii();
+    field.strip_prefix(b"\"").and_then(|rest| rest.strip_suffix(b"\"")).unwrap_or(field)
+}
+
+/// Pairs of digits, with or without blanks between them.
+fn hex_bytes(field: &[u8], data: &mut [u8]) -> Option<usize> {
+    let digits = field.strip_prefix(b"0x").unwrap_or(field);
+    let mut digits = digits.iter().copied().filter(|byte| *byte != b' ');
+    let mut length = 0;
+    while let Some(high) = digits.next() {
+        *data.get_mut(length)? = hex_pair(high, digits.next()?)?;
+        length += 1;
+    }
+    Some(length)
+}
+
+/// RFC 4648, section 4.
+fn base64(field: &[u8], data: &mut [u8]) -> Option<usize> {
+    let digits = field.trim_ascii_end();
+    let digits = digits.strip_suffix(b"==").or_else(|| digits.strip_suffix(b"=")).unwrap_or(digits);
+    let (mut bits, mut count, mut length) = (0u32, 0, 0);
+    for &digit in digits {
+        let value = match digit {
+            b'A'..=b'Z' => digit - b'A',
+            b'a'..=b'z' => digit - b'a' + 26,
+            b'0'..=b'9' => digit - b'0' + 52,
+            b'+' => 62,
+            b'/' => 63,
+            _ => return None,
+        };
+        bits = bits << 6 | u32::from(value);
+        count += 6;
+        if count >= 8 {
+            count -= 8;
+            *data.get_mut(length)? = (bits >> count).to_le_bytes()[0];
+            length += 1;
+            bits &= (1 << count) - 1;
+        }
+    }
+    Some(length)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> (Vec<LogFrame>, Skipped) {
+        assert!(recognises(text.as_bytes()), "{text}");
+        let input = Box::new(std::io::Cursor::new(text.to_owned()));
+        let mut reader = open(input, text.as_bytes()).unwrap();
+        let mut frames = Vec::new();
+        while reader.read(&mut frames).unwrap() {}
+        (frames, reader.skipped)
+    }
+
+    #[test]
+    fn both_dialects_say_the_same() {
+        let ours = "time,bus,id,ext,rtr,error,fd,brs,esi,dir,dlc,data\n\
+            1483389946.197,can0,DADADA,1,0,0,0,0,0,rx,6,5b34322c205d\n\
+            1483389946.197,can0,7FF,0,1,0,0,0,0,rx,3,\n\"x\",can0,1,0,0,0,0,0,0,rx,0,\n1,can0\n";
+        let python = "timestamp,arbitration_id,extended,remote,error,dlc,data\n\
+            1483389946.197,0x00dadada,1,0,0,6,WzQyLCBd\n1483389946.197,0x7ff,0,1,0,3,\n\
+            x,0x1,0,0,0,0,\n1,0x1\n";
+        let (frames, skipped) = read(ours);
+        assert_eq!(read(python).0, frames);
+        assert_eq!((frames.len(), skipped.count), (2, 2));
+        let data = CanFrame::new(0xDA_DADA, CanFlags::EXTENDED, b"[42, ]");
+        assert_eq!(frames[0].frame.value, Frame::Can(data));
+        let remote = CanFrame::new(0x7FF, CanFlags::REMOTE, &[]).with_dlc(3);
+        assert_eq!(frames[1].frame.value, Frame::Can(remote));
+    }
+
+    #[test]
+    fn base64_is_read_as_it_is_written() {
+        let mut data = [0; CAN_MAX_DATA];
+        for (text, bytes) in [
+            ("", &b""[..]),
+            ("Zg==", b"f"),
+            ("Zm8=", b"fo"),
+            ("Zm9vYmFy", b"foobar"),
+            ("//8=", b"\xff\xff"),
+        ] {
+            assert_eq!(base64(text.as_bytes(), &mut data), Some(bytes.len()), "{text}");
+            assert_eq!(&data[..bytes.len()], bytes);
+        }
+        assert_eq!(base64(b"Zm9*", &mut data), None);
+        assert_eq!(base64("A".repeat(200).as_bytes(), &mut data), None);
+    }
+}

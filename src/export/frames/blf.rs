@@ -27,7 +27,10 @@ const NO_DATE: u64 = 631_152_000_000_000_000;
 const MILLISECOND: u64 = 1_000_000;
 
 /// Starts a log. `out` is at its beginning, which [`FrameWriter::finish`] writes again.
-pub fn create<W: Write + Seek>(mut out: W, buses: &[BusHead]) -> io::Result<impl FrameWriter> {
+pub fn create<W: Write + Seek>(
+    mut out: W,
+    buses: &[BusHead],
+) -> io::Result<impl FrameWriter + use<W>> {
     out.write_all(&[0; HEAD])?;
     Ok(Blf {
         out,

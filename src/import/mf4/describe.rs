@@ -145,12 +145,11 @@ impl<R: Read + Seek> Reader<'_, R> {
         let mut channels = Channels::default();
         self.channels(block.link(1), "", 0, &mut channels)?;
         let name = self.text(block.link(2))?;
-        match channels.event() {
-            Some(kind) => group.event = Some(self.event(kind, channels, &name)?),
-            None => {
-                let name = channels.other.unwrap_or(name);
-                *others.entry(name).or_default() += cycles;
-            }
+        if let Some(kind) = channels.event() {
+            group.event = Some(self.event(kind, channels, &name)?);
+        } else {
+            let name = channels.other.unwrap_or(name);
+            *others.entry(name).or_default() += cycles;
         }
         Ok(Some(group))
     }

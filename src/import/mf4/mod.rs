@@ -168,12 +168,11 @@ impl<R: Read + Seek> Mf4<R> {
 
     /// Gives a frame to its bus: the one of its record, or the one of its group.
     fn told(&mut self, source: usize, told: Told) -> Option<LogFrame> {
-        let bus = match told.channel {
-            Some(number) => self.buses.numbered(number),
-            None => {
-                let event = self.sources[source].groups[told.group].event.as_ref();
-                self.buses.index(event.map_or("", |event| &event.bus))
-            }
+        let bus = if let Some(number) = told.channel {
+            self.buses.numbered(number)
+        } else {
+            let event = self.sources[source].groups[told.group].event.as_ref();
+            self.buses.index(event.map_or("", |event| &event.bus))
         };
         let time = Timestamp(self.start.saturating_add_signed(told.time));
         match bus {

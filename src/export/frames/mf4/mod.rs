@@ -31,7 +31,10 @@ const WAITING: usize = 16 << 20;
 const MILLISECOND: u64 = 1_000_000;
 
 /// Starts a file. `out` is at its beginning, which [`FrameWriter::finish`] writes again.
-pub fn create<W: Write + Seek>(mut out: W, buses: &[BusHead]) -> io::Result<impl FrameWriter> {
+pub fn create<W: Write + Seek>(
+    mut out: W,
+    buses: &[BusHead],
+) -> io::Result<impl FrameWriter + use<W>> {
     let history = history(IDENTIFICATION as u64 + 104);
     let head = [identification(), header(0, 0), history].concat();
     out.write_all(&head)?;

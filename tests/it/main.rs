@@ -21,6 +21,7 @@
 )]
 
 mod architecture;
+mod blf;
 mod can_rules;
 mod cat;
 mod cli;
@@ -33,6 +34,7 @@ mod hostile;
 mod import;
 mod kill;
 mod logs;
+mod mf4;
 mod record;
 mod recover;
 mod retention;

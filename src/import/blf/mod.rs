@@ -21,8 +21,9 @@ use self::containers::{Containers, Found};
 use self::head::Head;
 use self::message::Told;
 use self::object::{BASE, Base, Object, PADDING};
+use super::names::Names;
 use super::{ImportError, LogFrame, LogReader, Skipped};
-use crate::frame::{CanFrame, Frame, Gap, GapReason, Stamped, Timestamp, Unit};
+use crate::frame::{Frame, Gap, GapReason, Stamped, Timestamp, Unit};
 
 /// Frames given at a time.
 const BATCH: usize = 4096;
@@ -50,8 +51,7 @@ pub fn open<R: Read + Seek>(mut input: R) -> Result<impl LogReader + use<R>, Imp
         after: After::More,
         ended: false,
         objects: 0,
-        channels: Vec::new(),
-        buses: Vec::new(),
+        buses: Names::default(),
         others: BTreeMap::new(),
         skipped: Skipped::default(),
         notes: Vec::new(),
@@ -78,8 +78,7 @@ struct Blf<R> {
     ended: bool,
     /// Objects seen, numbered from 1.
     objects: u64,
-    channels: Vec<u16>,
-    buses: Vec<String>,
+    buses: Names,
     /// Objects that carry no frame, by kind.
     others: BTreeMap<u32, u64>,
     skipped: Skipped,
@@ -111,7 +110,7 @@ impl<R: Read + Seek> LogReader for Blf<R> {
     }
 
     fn buses(&self) -> &[String] {
-        &self.buses
+        self.buses.list()
     }
 
     fn skipped(&self) -> &Skipped {
@@ -213,27 +212,14 @@ impl<R> Blf<R> {
     }
 
     fn take(&mut self, base: Base, bytes: &[u8], into: &mut Vec<LogFrame>) {
-        let told = if base.is_traffic() {
-            Object::parse(base, bytes).and_then(|object| Ok((object.time, message::read(object)?)))
+        let taken = if base.is_traffic() {
+            Object::parse(base, bytes).and_then(|object| self.told(object))
         } else {
-            Ok((0, Told::Nothing))
+            Ok(None)
         };
-        match told {
-            Ok((time, Told::Frame(channel, frame))) => self.push(into, channel, time, frame),
-            Ok((time, Told::Overrun(channel))) => {
-                let at = self.time(time);
-                let gap = Gap {
-                    count: 0,
-                    unit: Unit::Frames,
-                    reason: GapReason::Adapter,
-                    from: at,
-                    to: at,
-                };
-                let bus = self.bus(channel);
-                let frame = Stamped { time: at, value: Frame::Gap(gap) };
-                into.push(LogFrame { bus, frame });
-            }
-            Ok((_, Told::Nothing)) => *self.others.entry(base.kind).or_default() += 1,
+        match taken {
+            Ok(Some(frame)) => into.push(frame),
+            Ok(None) => *self.others.entry(base.kind).or_default() += 1,
             Err(reason) => {
                 let kind = object::name(base.kind).unwrap_or("object");
                 self.odd(|| format!("this {kind} cannot be taken: {reason}"));
@@ -242,23 +228,19 @@ impl<R> Blf<R> {
         self.objects += 1;
     }
 
-    fn push(&mut self, into: &mut Vec<LogFrame>, channel: u16, time: u64, frame: CanFrame) {
-        let (bus, time) = (self.bus(channel), self.time(time));
-        into.push(LogFrame { bus, frame: Stamped { time, value: Frame::Can(frame) } });
-    }
-
-    fn time(&self, since_start: u64) -> Timestamp {
-        Timestamp(self.head.start.unwrap_or(0)).plus(since_start)
-    }
-
-    fn bus(&mut self, channel: u16) -> u16 {
-        let known = self.channels.iter().position(|known| *known == channel);
-        let index = known.unwrap_or_else(|| {
-            self.channels.push(channel);
-            self.buses.push(channel.to_string());
-            self.channels.len() - 1
-        });
-        u16::try_from(index).unwrap_or(u16::MAX)
+    /// The frame or gap that an object tells of.
+    fn told(&mut self, object: Object) -> Result<Option<LogFrame>, String> {
+        let time = Timestamp(self.head.start.unwrap_or(0)).plus(object.time);
+        let (channel, value) = match message::read(object)? {
+            Told::Frame(channel, frame) => (channel, Frame::Can(frame)),
+            Told::Overrun(channel) => {
+                let (unit, reason) = (Unit::Frames, GapReason::Adapter);
+                (channel, Frame::Gap(Gap { count: 0, unit, reason, from: time, to: time }))
+            }
+            Told::Nothing => return Ok(None),
+        };
+        let bus = self.buses.numbered(channel.into())?;
+        Ok(Some(LogFrame { bus, frame: Stamped { time, value } }))
     }
 
     /// The file ends before the object does; others may stand in what seems to be its inside.

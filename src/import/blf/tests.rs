@@ -7,7 +7,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::export::{BusHead, FrameWriter};
-use crate::frame::CanFlags;
+use crate::frame::{CanFlags, CanFrame};
 
 /// 2026-11-22T03:15:00.250Z.
 const START: [u16; 8] = [2026, 11, 0, 22, 3, 15, 0, 250];

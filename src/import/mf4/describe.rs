@@ -145,12 +145,11 @@ impl<R: Read + Seek> Reader<'_, R> {
         let mut channels = Channels::default();
         self.channels(block.link(1), "", 0, &mut channels)?;
         let name = self.text(block.link(2))?;
-        match channels.event() {
-            Some(kind) => group.event = Some(self.event(kind, channels, &name)?),
-            None => {
-                let name = channels.other.unwrap_or(name);
-                *others.entry(name).or_default() += cycles;
-            }
+        if let Some(kind) = channels.event() {
+            group.event = Some(self.event(kind, channels, &name)?);
+        } else {
+            let name = channels.other.unwrap_or(name);
+            *others.entry(name).or_default() += cycles;
         }
         Ok(Some(group))
     }
@@ -188,7 +187,7 @@ impl<R: Read + Seek> Reader<'_, R> {
                 }
             }
             if channel.is_master() {
-                let time = self.time(&channel, block.link(4))?;
+                let time = self.time(&channel, block.link(4));
                 into.time.get_or_insert(time);
             }
             into.add(name, channel);
@@ -197,19 +196,19 @@ impl<R: Read + Seek> Reader<'_, R> {
     }
 
     /// The time that a master channel gives, by its conversion.
-    fn time(&mut self, channel: &Channel, conversion: u64) -> Result<Time, BlockError> {
+    fn time(&mut self, channel: &Channel, conversion: u64) -> Time {
         let field = (channel.role != VIRTUAL_MASTER).then_some(channel.field);
         let plain = Time { field, offset: 0.0, factor: 1.0 };
         if conversion == 0 {
-            return Ok(plain);
+            return plain;
         }
-        let Ok(block) = self.file.block(conversion, *b"##CC") else { return Ok(plain) };
+        let Ok(block) = self.file.block(conversion, *b"##CC") else { return plain };
         let value = |at| u64_at(&block.data, at).map(f64::from_bits);
-        Ok(match (block.data.first(), value(24), value(32)) {
+        match (block.data.first(), value(24), value(32)) {
             // Linear.
             (Some(1), Some(offset), Some(factor)) => Time { field, offset, factor },
             _ => plain,
-        })
+        }
     }
 
     fn event(

@@ -81,7 +81,7 @@ impl Event {
         }
         let data = &data[..length.min(data.len())];
         if self.kind == Kind::Error {
-            return Ok(self.error(number(&self.error), id, data));
+            return Ok(error(number(&self.error), id, data));
         }
         if data.len() < length {
             return Err(format!("{} of its {length} bytes are missing", length - data.len()));
@@ -101,32 +101,31 @@ impl Event {
             _ => frame,
         })
     }
+}
 
-    /// An error frame: as the kernel's error class where the ID is one, which is what recorders of
-    /// SocketCAN write; by ASAM's types of errors otherwise (1 bit, 2 form, 3 stuff, 4 CRC, 5 ACK),
-    /// in the words of `linux/can/error.h`.
-    #[allow(clippy::unused_self, reason = "it belongs to the event")]
-    fn error(&self, kind: Option<u64>, id: u32, data: &[u8]) -> CanFrame {
-        if kind.is_none() && id <= 0x3FF {
-            return CanFrame::new(id, CanFlags::ERROR, data);
-        }
-        let mut details = [0; 8];
-        let class = match kind {
-            Some(kind @ 1..=3) => {
-                details[2] = [1, 2, 4][usize::try_from(kind - 1).unwrap_or(0)];
-                0x88
-            }
-            Some(4) => {
-                // CAN_ERR_PROT_LOC_CRC_SEQ
-                details[3] = 0x08;
-                0x88
-            }
-            // CAN_ERR_ACK and CAN_ERR_BUSERROR
-            Some(5) => 0xA0,
-            _ => 0x80,
-        };
-        CanFrame::new(class, CanFlags::ERROR, &details)
+/// An error frame: as the kernel's error class where the ID is one, which is what recorders of
+/// SocketCAN write; by ASAM's types of errors otherwise (1 bit, 2 form, 3 stuff, 4 CRC, 5 ACK),
+/// in the words of `linux/can/error.h`.
+fn error(kind: Option<u64>, id: u32, data: &[u8]) -> CanFrame {
+    if kind.is_none() && id <= 0x3FF {
+        return CanFrame::new(id, CanFlags::ERROR, data);
     }
+    let mut details = [0; 8];
+    let class = match kind {
+        Some(kind @ 1..=3) => {
+            details[2] = [1, 2, 4][usize::try_from(kind - 1).unwrap_or(0)];
+            0x88
+        }
+        Some(4) => {
+            // CAN_ERR_PROT_LOC_CRC_SEQ
+            details[3] = 0x08;
+            0x88
+        }
+        // CAN_ERR_ACK and CAN_ERR_BUSERROR
+        Some(5) => 0xA0,
+        _ => 0x80,
+    };
+    CanFrame::new(class, CanFlags::ERROR, &details)
 }
 
 /// The data length of a DLC.

@@ -21,8 +21,9 @@ use std::collections::BinaryHeap;
 use std::io::{Read, Seek};
 
 use self::blocks::{BlockError, File};
-use self::records::{Records, Unfinished};
+use self::records::{Records, Told, Unfinished};
 use super::little_endian::{u16_at, u64_at};
+use super::names::Names;
 use super::{ImportError, LogFrame, LogReader, Skipped};
 use crate::frame::{Frame, Stamped, Timestamp};
 
@@ -67,8 +68,7 @@ pub fn open<R: Read + Seek>(input: R) -> Result<impl LogReader + use<R>, ImportE
         start: 0,
         sources: Vec::new(),
         order: BinaryHeap::new(),
-        channels: Vec::new(),
-        buses: Vec::new(),
+        buses: Names::default(),
         notes: Vec::new(),
         skipped: Skipped::default(),
         file,
@@ -116,9 +116,7 @@ struct Mf4<R> {
     sources: Vec<Records>,
     /// Which source has the earliest frame.
     order: BinaryHeap<Reverse<(i64, usize)>>,
-    /// What each bus is: a number, or a name where records have none.
-    channels: Vec<Result<u64, String>>,
-    buses: Vec<String>,
+    buses: Names,
     notes: Vec<String>,
     skipped: Skipped,
 }
@@ -128,11 +126,7 @@ impl<R: Read + Seek> LogReader for Mf4<R> {
         let full = into.len() + BATCH;
         while let Some(Reverse((_, index))) = self.order.pop() {
             if let Some(told) = self.sources[index].ready.pop_front() {
-                let name = self.sources[index].groups[told.group].event.as_ref();
-                let channel = told.channel.ok_or_else(|| name.map_or("", |e| &e.bus).to_owned());
-                let bus = self.bus(channel);
-                let time = Timestamp(self.start.saturating_add_signed(told.time));
-                into.push(LogFrame { bus, frame: Stamped { time, value: Frame::Can(told.frame) } });
+                into.extend(self.told(index, told));
             }
             self.line_up(index)?;
             if into.len() >= full {
@@ -143,7 +137,7 @@ impl<R: Read + Seek> LogReader for Mf4<R> {
     }
 
     fn buses(&self) -> &[String] {
-        &self.buses
+        self.buses.list()
     }
 
     fn skipped(&self) -> &Skipped {
@@ -172,17 +166,25 @@ impl<R: Read + Seek> Mf4<R> {
         Ok(())
     }
 
-    fn bus(&mut self, channel: Result<u64, String>) -> u16 {
-        let known = self.channels.iter().position(|known| *known == channel);
-        let index = known.unwrap_or_else(|| {
-            self.buses.push(match &channel {
-                Ok(number) => number.to_string(),
-                Err(name) => name.clone(),
-            });
-            self.channels.push(channel);
-            self.channels.len() - 1
-        });
-        u16::try_from(index).unwrap_or(u16::MAX)
+    /// Gives a frame to its bus: the one of its record, or the one of its group.
+    fn told(&mut self, source: usize, told: Told) -> Option<LogFrame> {
+        let bus = if let Some(number) = told.channel {
+            self.buses.numbered(number)
+        } else {
+            let event = self.sources[source].groups[told.group].event.as_ref();
+            self.buses.index(event.map_or("", |event| &event.bus))
+        };
+        let time = Timestamp(self.start.saturating_add_signed(told.time));
+        match bus {
+            Ok(bus) => {
+                let frame = Stamped { time, value: Frame::Can(told.frame) };
+                Some(LogFrame { bus, frame })
+            }
+            Err(why) => {
+                self.skipped.add(|| format!("the frame at {} ns", time.nanos()), || why);
+                None
+            }
+        }
     }
 }
 
@@ -192,3 +194,6 @@ fn read_error(error: BlockError) -> ImportError {
         BlockError::Read(error) => error.into(),
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -110,8 +110,8 @@ impl Mixed {
                 self.values.pop_front();
             }
         }
-        let fits = |(offset, _): &&(u64, Vec<u8>)| self.by_order || *offset == wanted;
-        let there = self.values.front().filter(fits).is_some();
+        let fits = |(offset, _): &(u64, Vec<u8>)| self.by_order || *offset == wanted;
+        let there = self.values.front().is_some_and(fits);
         let missed = ended
             || self.records.len() > WAITING
             || !self.by_order && !there && !self.values.is_empty();

@@ -48,11 +48,14 @@ const FD_DATA: Field = field("DataBytes", 20, 64);
 impl Kind {
     pub fn of(frame: &CanFrame) -> Self {
         let has = |flag| frame.flags.has(flag);
-        match () {
-            () if has(CanFlags::ERROR) => Self::Error,
-            () if has(CanFlags::FD) => Self::Fd,
-            () if has(CanFlags::REMOTE) => Self::Remote,
-            () => Self::Classic,
+        if has(CanFlags::ERROR) {
+            Self::Error
+        } else if has(CanFlags::FD) {
+            Self::Fd
+        } else if has(CanFlags::REMOTE) {
+            Self::Remote
+        } else {
+            Self::Classic
         }
     }
 

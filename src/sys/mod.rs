@@ -7,6 +7,7 @@
 )]
 
 mod can_batch;
+mod can_sender;
 mod can_socket;
 mod clock;
 pub mod link;
@@ -17,6 +18,7 @@ pub mod tty;
 pub mod wait;
 
 pub use can_batch::{CanBatch, RawMessage};
+pub use can_sender::{CanSender, SEND_BATCH, WireFrame};
 pub use can_socket::CanSocket;
 pub use clock::SystemClock;
 pub use wait::Waiting;

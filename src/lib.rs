@@ -21,6 +21,7 @@ pub mod frame;
 pub mod protocol;
 pub mod record;
 pub mod recording;
+pub mod replay;
 pub mod simulate;
 pub mod sys;
 pub mod text;

@@ -1,10 +1,13 @@
 //! Every command and option, defined and documented once.
 
+pub mod replay;
+
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
+use self::replay::ReplayArgs;
 use crate::recording::writer::Layout;
 use crate::text::{parse_duration, parse_size};
 
@@ -22,7 +25,8 @@ pub struct Cli {
 
 const EXIT_CODES: &str = "\
 Results go to stdout, everything else to stderr.
-Exit status: 0 ok, 1 failed, 2 wrong usage, 3 finished but something was lost or skipped.";
+Exit status: 0 ok, 1 failed, 2 wrong usage, 3 finished but something was lost or skipped, 4
+refused to transmit on a real bus.";
 
 /// The commands.
 #[derive(Debug, Subcommand)]
@@ -36,6 +40,8 @@ pub enum Command {
     /// Rewrite a recording: other layout, several segments into one, an unfinished file into a
     /// finished one
     Convert(ConvertArgs),
+    /// Play a recording onto buses, or answer like the device in it
+    Replay(Box<ReplayArgs>),
     /// List the CAN interfaces and serial ports of this machine
     Ports(PortsArgs),
     /// Record a simulated power station, without any hardware

@@ -1,7 +1,5 @@
 //! `bustape cat`: the frames of a recording as text.
 
-pub(super) mod candump;
-mod hex;
 mod json;
 mod select;
 
@@ -14,7 +12,7 @@ use crate::cli::{CatArgs, TimeStyle};
 use crate::frame::{Frame, Gap, Stamped, Timestamp};
 use crate::record::{reason_name, unit_name};
 use crate::recording::reader::{Entry, Recording};
-use crate::text::{printable, printable_json, rfc3339_millis};
+use crate::text::{candump, hex, printable, printable_json, rfc3339_millis};
 use select::Selection;
 
 /// Runs the command.
@@ -115,7 +113,8 @@ impl<'a> Printer<'a> {
     }
 }
 
-fn gap_text(bus: &str, gap: &Gap) -> String {
+/// A gap, in words.
+pub(super) fn gap_text(bus: &str, gap: &Gap) -> String {
     let count = match gap.count {
         0 => "an unknown number of".to_owned(),
         count => count.to_string(),

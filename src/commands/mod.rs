@@ -9,6 +9,7 @@ mod output;
 mod ports;
 mod protocols;
 mod record;
+mod replay;
 mod status;
 
 use std::process::ExitCode;
@@ -31,6 +32,11 @@ pub enum Ended {
 #[error("{0}")]
 pub struct UsageError(pub String);
 
+/// Would transmit on a real bus, and was not told to: exit status 4.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct Refused(pub String);
+
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
@@ -38,6 +44,7 @@ pub fn main() -> ExitCode {
         Command::Info(args) => info::run(&args),
         Command::Cat(args) => cat::run(&args),
         Command::Convert(args) => convert::run(&args),
+        Command::Replay(args) => replay::run(&args),
         Command::Ports(args) => ports::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Explain(args) => explain::run(&args),
@@ -49,7 +56,11 @@ pub fn main() -> ExitCode {
         Err(error) if output::is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             output::error(&format!("{error:#}"));
-            ExitCode::from(if error.is::<UsageError>() { 2 } else { 1 })
+            ExitCode::from(match () {
+                () if error.is::<UsageError>() => 2,
+                () if error.is::<Refused>() => 4,
+                () => 1,
+            })
         }
     }
 }

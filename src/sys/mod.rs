@@ -14,6 +14,7 @@ pub mod link;
 mod netlink;
 pub mod opens;
 pub mod pty;
+pub mod timing;
 pub mod tty;
 pub mod wait;
 

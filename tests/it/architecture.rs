@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// For each part what it may use: all that there is to know about where a change can have effects.
-const ARROWS: [(&str, &[&str]); 15] = [
+const ARROWS: [(&str, &[&str]); 16] = [
     ("frame", &[]),
     ("clock", &["frame"]),
     ("text", &["frame"]),
@@ -19,7 +19,9 @@ const ARROWS: [(&str, &[&str]); 15] = [
     ("decode", &["frame"]),
     ("protocol", &["frame"]),
     ("address", &["capture", "simulate"]),
-    ("cli", &["text", "recording"]),
+    // Sends what was recorded: with the addresses, ports and codecs that capture has.
+    ("replay", &["frame", "text", "sys", "capture", "recording", "decode", "protocol"]),
+    ("cli", &["text", "recording", "replay"]),
     (
         "commands",
         &[
@@ -32,6 +34,7 @@ const ARROWS: [(&str, &[&str]); 15] = [
             "protocol",
             "record",
             "recording",
+            "replay",
             "simulate",
             "sys",
             "text",

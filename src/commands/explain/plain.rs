@@ -1,6 +1,6 @@
 //! An explained frame for a person.
 
-use super::super::{cat, output};
+use super::super::output;
 use super::can::{Explained, hex};
 use crate::decode::can::{Check, Match, Reading, Value};
 use crate::decode::dbc::{Number, Signal};
@@ -15,7 +15,7 @@ pub fn text(explained: &Explained<'_>) -> String {
     head.extend(line.time.map(rfc3339));
     head.extend(line.bus.map(printable));
     let mut frame = Vec::new();
-    cat::candump::put(&mut frame, &line.frame);
+    crate::text::candump::put(&mut frame, &line.frame);
     head.push(String::from_utf8_lossy(&frame).into_owned());
     let Some(found) = explained.found else {
         return format!("{}  {}\n", head.join(" "), unknown(&line.frame));

@@ -1,0 +1,109 @@
+//! What a replay says of itself at its end.
+
+use anyhow::Result;
+use serde_json::{Value, json};
+
+use super::omitted_text;
+use super::plan::Plan;
+use crate::cli::replay::ReplayArgs;
+use crate::commands::output;
+use crate::replay::player::{Ending, Outcome, Stage};
+use crate::replay::tally::{Tally, Waits};
+use crate::replay::target::TargetAddress;
+use crate::text::{duration, grouped, rfc3339};
+
+/// Prints it: on stdout, or on stderr where a trace has stdout.
+pub fn report(args: &ReplayArgs, plan: &Plan, stage: &Stage<'_>, outcome: &Outcome) -> Result<()> {
+    let text = if args.json {
+        format!("{}\n", as_json(plan, stage, outcome))
+    } else {
+        as_table(plan, stage, outcome)
+    };
+    if plan.targets.iter().any(|target| target.address == TargetAddress::Trace) {
+        anstream::eprint!("{text}");
+    } else {
+        anstream::print!("{text}");
+    }
+    Ok(())
+}
+
+fn reason(outcome: &Outcome) -> &'static str {
+    match outcome.ending {
+        Ok(Ending::Finished) => "finished",
+        Ok(Ending::Count) => "count",
+        Ok(Ending::Quit) => "quit",
+        Ok(Ending::Signal(name)) => name,
+        Err(_) => "error",
+    }
+}
+
+fn as_table(plan: &Plan, stage: &Stage<'_>, outcome: &Outcome) -> String {
+    let micros = |tally: &Tally, nanos: u64| match tally.lateness.count() {
+        0 => "-".to_owned(),
+        _ => format!("{}.{}", grouped(nanos / 1000), nanos / 100 % 10),
+    };
+    let rows = plan.buses().map(|(bus, name, lane)| {
+        let tally = &outcome.tallies[bus];
+        let lateness = &tally.lateness;
+        vec![
+            name.to_owned(),
+            plan.targets[lane].text.clone(),
+            grouped(tally.sent),
+            waits_text(stage.lanes[lane].waits),
+            micros(tally, lateness.percentile(50)),
+            micros(tally, lateness.percentile(99)),
+            micros(tally, lateness.max()),
+            omitted_text(tally.omitted.counts()),
+        ]
+    });
+    let head = ["BUS", "TARGET", "SENT", "WAITED", "LATE p50 us", "p99 us", "MAX us", "NOT SENT"];
+    let mut text = output::table(&head, &[2, 3, 4, 5, 6], rows.collect());
+    let gaps: u64 = outcome.tallies.iter().map(|tally| tally.gaps).sum();
+    let gaps = if gaps > 0 { format!("; {gaps} gaps in the recording") } else { String::new() };
+    text.push_str(&format!(" {} after {}{gaps}\n", reason(outcome), duration(outcome.took)));
+    text
+}
+
+fn waits_text(waits: Waits) -> String {
+    match waits.count {
+        0 => "-".to_owned(),
+        count => format!("{}x, {}", grouped(count), duration(waits.nanos)),
+    }
+}
+
+fn as_json(plan: &Plan, stage: &Stage<'_>, outcome: &Outcome) -> Value {
+    let buses = plan.buses().map(|(bus, name, lane)| {
+        let (tally, waits) = (&outcome.tallies[bus], stage.lanes[lane].waits);
+        let lateness = &tally.lateness;
+        let omitted: serde_json::Map<_, _> = tally
+            .omitted
+            .counts()
+            .map(|(why, count)| (why.name().to_owned(), json!(count)))
+            .collect();
+        json!({
+            "bus": name,
+            "target": plan.targets[lane].text,
+            "sent": tally.sent,
+            "bytes": tally.bytes,
+            "not_sent": omitted,
+            "gaps": tally.gaps,
+            "waits": waits.count,
+            "waited_ns": waits.nanos,
+            "lateness_ns": (lateness.count() > 0).then(|| json!({
+                "p50": lateness.percentile(50),
+                "p99": lateness.percentile(99),
+                "max": lateness.max(),
+            })),
+        })
+    });
+    let marks = outcome.marks.iter().map(
+        |(time, text)| json!({ "time": rfc3339(*time), "time_ns": time.nanos(), "text": text }),
+    );
+    json!({
+        "reason": reason(outcome),
+        "took_ns": outcome.took,
+        "buses": buses.collect::<Vec<_>>(),
+        "marks": marks.collect::<Vec<_>>(),
+        "damage": outcome.damage,
+    })
+}

@@ -1,5 +1,6 @@
 //! `bustape replay`: a recording, back onto buses.
 
+mod answers;
 mod definitions;
 mod permission;
 mod plan;
@@ -18,6 +19,7 @@ use crate::recording::reader::Recording;
 use crate::replay::ReplayError;
 use crate::replay::control::{Controls, Script};
 use crate::replay::keys::{self, Keys};
+use crate::replay::lane::Lane;
 use crate::replay::permit::Reach;
 use crate::replay::player::{Options, Outcome, Stage, play};
 use crate::replay::sink::trace::READER_GONE;
@@ -38,6 +40,7 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
     let permit = permission::ask(args, &reaches)?;
     say_intact(&recording);
     plan.say_unmapped(&recording);
+    let answerers = answers::learn(args, &plan, &recording)?;
 
     // From here on signals are heard by the player, and the links of pseudo-terminals are
     // removed at the end.
@@ -46,7 +49,9 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
     for lane in &mut lanes {
         lane.sink().notes().iter().for_each(|note| output::warning(note));
     }
-    let answerers = plan.answerers(args, &recording)?;
+    if args.verify {
+        plan.watch(&mut lanes, &reaches)?;
+    }
     let mut stage = Stage {
         recording: &recording,
         plan: &plan.feed,
@@ -63,9 +68,14 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
     for lane in &mut stage.lanes {
         lane.sink().notes().iter().for_each(|note| output::warning(note));
     }
-    report::report(args, &plan, &stage, &outcome)?;
+    let verdicts: Vec<_> = stage.lanes.iter_mut().map(Lane::verdict).collect();
+    report::report(args, &plan, &stage, &outcome, &verdicts)?;
     drop(stage);
-    ended(outcome, &recording)
+    let ended = ended(outcome, &recording)?;
+    match verdicts.into_iter().flatten().find_map(|verdict| verdict.difference) {
+        Some(difference) => bail!("what arrived is not what was sent: {difference}"),
+        None => Ok(ended),
+    }
 }
 
 /// Keys on a terminal, commands where they are asked for.

@@ -9,6 +9,7 @@ use super::ReplayError;
 use super::feed::Item;
 use super::sink::{Blocked, Due, Sink, Took};
 use super::tally::{NotSent, Tally, Waits};
+use super::verify::{Verdict, Witness};
 use crate::frame::{Frame, SerialBytes};
 use crate::sys::timing::steady_nanos;
 
@@ -34,6 +35,7 @@ pub struct Lane {
     sink: Box<dyn Sink>,
     queue: VecDeque<Due>,
     pace: Option<Pace>,
+    witness: Option<Witness>,
     /// When a paced line is free again, on the steady clock.
     free: u64,
     blocked: Option<Blocked>,
@@ -47,7 +49,29 @@ impl Lane {
     /// A lane to `sink`.
     pub fn new(target: String, sink: Box<dyn Sink>, pace: Option<Pace>) -> Self {
         let (queue, waits) = (VecDeque::with_capacity(64), Waits::default());
-        Self { target, waits, sink, queue, pace, free: 0, blocked: None, since: 0, asked: 0 }
+        let witness = None;
+        Self {
+            target,
+            waits,
+            sink,
+            queue,
+            pace,
+            witness,
+            free: 0,
+            blocked: None,
+            since: 0,
+            asked: 0,
+        }
+    }
+
+    /// Has somebody else listen to the target and compare.
+    pub fn watch(&mut self, witness: Witness) {
+        self.witness = Some(witness);
+    }
+
+    /// What was found by comparing, after the last frame.
+    pub fn verdict(&mut self) -> Option<Verdict> {
+        self.witness.take().map(Witness::finish)
     }
 
     /// True if no more may be given to it now.
@@ -155,6 +179,9 @@ impl Lane {
                 Frame::Serial(bytes) => bytes.data.len() as u64,
                 Frame::Gap(_) | Frame::Notice(_) => 0,
             };
+            if let Some(witness) = &self.witness {
+                witness.expect(measured.map(|_| at), item.frame.clone());
+            }
             if let Some(now) = measured {
                 tally.lateness.add(now.saturating_sub(at));
             }

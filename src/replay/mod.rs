@@ -18,6 +18,7 @@ pub mod select;
 pub mod sink;
 pub mod tally;
 pub mod target;
+pub mod verify;
 
 /// Why something cannot be replayed. The text is the whole sentence.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]

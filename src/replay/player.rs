@@ -171,6 +171,13 @@ pub fn play(
     })
 }
 
+/// Something to say, and when.
+struct Answer {
+    at: u64,
+    time: Timestamp,
+    frame: Frame,
+}
+
 struct Player<'a, 'scope, 'env> {
     scope: &'scope Scope<'scope, 'env>,
     stage: &'a mut Stage<'env>,
@@ -210,8 +217,9 @@ impl Player<'_, '_, '_> {
             for lane in &mut self.stage.lanes {
                 lane.flush(now, self.schedule.rate() != Rate::Max, &mut self.tallies)?;
             }
-            if self.ended && self.stage.lanes.iter().all(Lane::is_empty) && !self.answers() {
-                let count = self.options.count.is_some_and(|count| self.given >= count);
+            let count = self.options.count.is_some_and(|count| self.given >= count);
+            let over = count || !self.answers();
+            if self.ended && over && self.stage.lanes.iter().all(Lane::is_empty) {
                 self.ending = Some(if count { Ending::Count } else { Ending::Finished });
                 break;
             }
@@ -325,6 +333,11 @@ impl Player<'_, '_, '_> {
                 sooner(look);
             }
         }
+        for (_, answerer) in self.stage.answerers.iter().flatten() {
+            if let Some(look) = answerer.next_look() {
+                sooner(look);
+            }
+        }
         if self.audience.watches() {
             sooner(self.next_status);
         }
@@ -338,6 +351,7 @@ impl Player<'_, '_, '_> {
         for lane in heard {
             self.hear(lane)?;
         }
+        self.look();
         if let Some(due) = spin
             && steady_nanos() + SPIN >= due
         {
@@ -388,17 +402,43 @@ impl Player<'_, '_, '_> {
         };
         lane.sink().hear(&mut |heard| {
             answerer.hear(now, heard, &mut |delay, time, frame| {
-                answers.push((now + delay, time, frame));
+                answers.push(Answer { at: now + delay, time, frame });
             });
         })?;
-        for text in answerer.take_notes() {
+        let (bus, notes) = (*bus, answerer.take_notes());
+        self.answer(number, bus, answers, notes);
+        Ok(())
+    }
+
+    /// Lets answers that wait for silence come.
+    fn look(&mut self) {
+        let now = steady_nanos();
+        let mut all = Vec::new();
+        for (number, answerer) in self.stage.answerers.iter_mut().enumerate() {
+            let Some((bus, answerer)) = answerer else { continue };
+            if answerer.next_look().is_none_or(|look| now < look) {
+                continue;
+            }
+            let mut answers = Vec::new();
+            answerer.look(now, &mut |delay, time, frame| {
+                answers.push(Answer { at: now + delay, time, frame });
+            });
+            all.push((number, *bus, answers, answerer.take_notes()));
+        }
+        for (number, bus, answers, notes) in all {
+            self.answer(number, bus, answers, notes);
+        }
+    }
+
+    fn answer(&mut self, lane: usize, bus: usize, answers: Vec<Answer>, notes: Vec<String>) {
+        for text in notes {
             self.audience.say(&text);
         }
-        for (at, time, frame) in answers {
+        let Some(lane) = self.stage.lanes.get_mut(lane) else { return };
+        for Answer { at, time, frame } in answers {
             self.given += 1;
-            lane.push(at, Item { media: 0, time, bus: *bus, frame });
+            lane.push(at, Item { media: 0, time, bus, frame });
         }
-        Ok(())
     }
 
     fn take_said(&mut self) {

@@ -20,7 +20,7 @@ const ARROWS: [(&str, &[&str]); 16] = [
     ("protocol", &["frame"]),
     ("address", &["capture", "simulate"]),
     // Sends what was recorded: with the addresses, ports and codecs that capture has.
-    ("replay", &["frame", "text", "sys", "capture", "recording", "decode", "protocol"]),
+    ("replay", &["frame", "clock", "text", "sys", "capture", "recording", "decode", "protocol"]),
     ("cli", &["text", "recording", "replay"]),
     (
         "commands",

@@ -17,7 +17,7 @@ use std::collections::BTreeMap;
 
 pub use encode::encode;
 pub use interfaces::{CanInterfaceInfo, can_interfaces};
-pub use message::decode_frame;
+pub use message::{decode_frame, decode_stamped};
 pub use settings::{CanFilter, CanSettings};
 
 use super::{BusFacts, Running, Source, Stop};

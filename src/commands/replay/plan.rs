@@ -13,7 +13,6 @@ use crate::cli::replay::ReplayArgs;
 use crate::commands::output;
 use crate::frame::{CanFlags, Direction, Frame, Timestamp};
 use crate::recording::reader::{Entry, Recording};
-use crate::replay::answer::Answerer;
 use crate::replay::feed::{FedBus, FeedPlan};
 use crate::replay::lane::{Lane, Pace};
 use crate::replay::permit::{Permit, Reach};
@@ -25,6 +24,7 @@ use crate::replay::sink::serial::SerialSink;
 use crate::replay::sink::slcan::SlcanSink;
 use crate::replay::sink::trace::TraceSink;
 use crate::replay::target::{TargetAddress, TargetSpec};
+use crate::replay::verify::Witness;
 use crate::text::{parse_moment, rfc3339_millis};
 
 /// What a bus carries.
@@ -46,6 +46,8 @@ pub struct Plan {
     pub lane_of: Vec<usize>,
     /// The buses that are answered.
     pub answered: Vec<String>,
+    /// What each bus carries.
+    carried: Vec<Carries>,
     /// The names in a trace, by bus.
     names: Vec<String>,
     /// What one byte takes on a paced line, by target.
@@ -167,14 +169,28 @@ impl Plan {
         Ok(lanes)
     }
 
-    /// What answers at each target.
-    #[allow(clippy::unused_self, clippy::unnecessary_wraps, reason = "grows with the next commit")]
-    pub fn answerers(
-        &self,
-        _args: &ReplayArgs,
-        _recording: &Recording,
-    ) -> Result<Vec<Option<(usize, Box<dyn Answerer>)>>> {
-        Ok(self.targets.iter().map(|_| None).collect())
+    /// What a bus carries, by its number.
+    pub fn carries(&self, bus: usize) -> Carries {
+        self.carried.get(bus).copied().unwrap_or(Carries::Can)
+    }
+
+    /// Has somebody listen to each target.
+    pub fn watch(&self, lanes: &mut [Lane], reaches: &[Reach]) -> Result<()> {
+        for ((target, lane), reach) in self.targets.iter().zip(lanes).zip(reaches) {
+            let witness = match (&target.address, &reach.link) {
+                (TargetAddress::Can(_), Some(link)) => Witness::of_can(link)?,
+                (TargetAddress::Pty(path), _) => Witness::of_pty(path)?,
+                _ => {
+                    return usage(format!(
+                        "--verify: {} does not hand back what was sent to it; only CAN interfaces \
+                         and pty: do",
+                        target.text
+                    ));
+                }
+            };
+            lane.watch(witness);
+        }
+        Ok(())
     }
 }
 
@@ -192,6 +208,7 @@ impl Wanted {
             },
             lane_of: Vec::new(),
             answered: Vec::new(),
+            carried: Vec::new(),
             names: Vec::new(),
             paces: Vec::new(),
         };
@@ -201,11 +218,12 @@ impl Wanted {
             let carries = carries(recording, spec)?;
             let selection = selection(args, recording, spec, carries, &definitions)?;
             plan.feed.buses.push(FedBus { name: spec.bus.clone(), selection });
+            plan.carried.push(carries);
             plan.names.push(shown_name(args, &spec.bus));
             plan.add_target(args, recording, spec)?;
         }
         for spec in &answered {
-            carries(recording, spec)?;
+            plan.carried.push(carries(recording, spec)?);
             if spec.address == TargetAddress::Trace {
                 return usage(format!("--answer {}: nobody asks a trace", spec.bus));
             }

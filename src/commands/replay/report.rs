@@ -7,17 +7,26 @@ use super::omitted_text;
 use super::plan::Plan;
 use crate::cli::replay::ReplayArgs;
 use crate::commands::output;
+use crate::replay::answer::Counts;
+use crate::replay::lateness::Lateness;
 use crate::replay::player::{Ending, Outcome, Stage};
 use crate::replay::tally::{Tally, Waits};
 use crate::replay::target::TargetAddress;
+use crate::replay::verify::Verdict;
 use crate::text::{duration, grouped, rfc3339};
 
 /// Prints it: on stdout, or on stderr where a trace has stdout.
-pub fn report(args: &ReplayArgs, plan: &Plan, stage: &Stage<'_>, outcome: &Outcome) -> Result<()> {
+pub fn report(
+    args: &ReplayArgs,
+    plan: &Plan,
+    stage: &Stage<'_>,
+    outcome: &Outcome,
+    verdicts: &[Option<Verdict>],
+) -> Result<()> {
     let text = if args.json {
-        format!("{}\n", as_json(plan, stage, outcome))
+        format!("{}\n", as_json(plan, stage, outcome, verdicts))
     } else {
-        as_table(plan, stage, outcome)
+        as_table(plan, stage, outcome, verdicts)
     };
     if plan.targets.iter().any(|target| target.address == TargetAddress::Trace) {
         anstream::eprint!("{text}");
@@ -37,7 +46,12 @@ fn reason(outcome: &Outcome) -> &'static str {
     }
 }
 
-fn as_table(plan: &Plan, stage: &Stage<'_>, outcome: &Outcome) -> String {
+fn as_table(
+    plan: &Plan,
+    stage: &Stage<'_>,
+    outcome: &Outcome,
+    verdicts: &[Option<Verdict>],
+) -> String {
     let micros = |tally: &Tally, nanos: u64| match tally.lateness.count() {
         0 => "-".to_owned(),
         _ => format!("{}.{}", grouped(nanos / 1000), nanos / 100 % 10),
@@ -58,6 +72,22 @@ fn as_table(plan: &Plan, stage: &Stage<'_>, outcome: &Outcome) -> String {
     });
     let head = ["BUS", "TARGET", "SENT", "WAITED", "LATE p50 us", "p99 us", "MAX us", "NOT SENT"];
     let mut text = output::table(&head, &[2, 3, 4, 5, 6], rows.collect());
+    for (lane, verdict) in stage.lanes.iter().zip(verdicts) {
+        if let Some(Verdict { same, error, difference: None }) = verdict {
+            text.push_str(&format!(
+                " {}: {} compared and the same; off by p50 {} us, p99 {} us, at most {} us\n",
+                lane.target,
+                grouped(*same),
+                grouped(error.percentile(50) / 1000),
+                grouped(error.percentile(99) / 1000),
+                grouped(error.max() / 1000),
+            ));
+        }
+    }
+    for (bus, answerer) in stage.answerers.iter().flatten() {
+        let name = plan.buses().nth(*bus).map_or("", |(_, name, _)| name);
+        text.push_str(&answers_text(name, answerer.counts()));
+    }
     let gaps: u64 = outcome.tallies.iter().map(|tally| tally.gaps).sum();
     let gaps = if gaps > 0 { format!("; {gaps} gaps in the recording") } else { String::new() };
     text.push_str(&format!(" {} after {}{gaps}\n", reason(outcome), duration(outcome.took)));
@@ -71,7 +101,26 @@ fn waits_text(waits: Waits) -> String {
     }
 }
 
-fn as_json(plan: &Plan, stage: &Stage<'_>, outcome: &Outcome) -> Value {
+fn as_json(
+    plan: &Plan,
+    stage: &Stage<'_>,
+    outcome: &Outcome,
+    verdicts: &[Option<Verdict>],
+) -> Value {
+    let answers = |bus: usize| {
+        let found = stage.answerers.iter().flatten().find(|(own, _)| *own == bus);
+        found.map(|(_, answerer)| {
+            let counts = answerer.counts();
+            json!({
+                "requests": counts.requests,
+                "answered": counts.answered,
+                "silent": counts.silent,
+                "never_recorded": counts.misses(),
+                "kinds_never_recorded": counts.unknown,
+                "damaged": counts.damaged,
+            })
+        })
+    };
     let buses = plan.buses().map(|(bus, name, lane)| {
         let (tally, waits) = (&outcome.tallies[bus], stage.lanes[lane].waits);
         let lateness = &tally.lateness;
@@ -89,11 +138,13 @@ fn as_json(plan: &Plan, stage: &Stage<'_>, outcome: &Outcome) -> Value {
             "gaps": tally.gaps,
             "waits": waits.count,
             "waited_ns": waits.nanos,
-            "lateness_ns": (lateness.count() > 0).then(|| json!({
-                "p50": lateness.percentile(50),
-                "p99": lateness.percentile(99),
-                "max": lateness.max(),
+            "lateness_ns": percentiles(lateness),
+            "verify": verdicts[lane].as_ref().map(|verdict| json!({
+                "same": verdict.same,
+                "error_ns": percentiles(&verdict.error),
+                "difference": verdict.difference,
             })),
+            "answers": answers(bus),
         })
     });
     let marks = outcome.marks.iter().map(
@@ -106,4 +157,33 @@ fn as_json(plan: &Plan, stage: &Stage<'_>, outcome: &Outcome) -> Value {
         "marks": marks.collect::<Vec<_>>(),
         "damage": outcome.damage,
     })
+}
+
+fn percentiles(times: &Lateness) -> Option<Value> {
+    (times.count() > 0).then(|| {
+        json!({
+            "p50": times.percentile(50),
+            "p99": times.percentile(99),
+            "max": times.max(),
+        })
+    })
+}
+
+fn answers_text(bus: &str, counts: &Counts) -> String {
+    let mut text = format!(
+        " {bus}: {} requests, {} answered",
+        grouped(counts.requests),
+        grouped(counts.answered)
+    );
+    for (count, what) in [
+        (counts.silent, "not answered in the recording either"),
+        (counts.misses(), "never recorded"),
+        (counts.damaged, "damaged"),
+    ] {
+        if count > 0 {
+            text.push_str(&format!(", {} {what}", grouped(count)));
+        }
+    }
+    text.push('\n');
+    text
 }

@@ -1,0 +1,102 @@
+//! `--answer`: learns from the recording what a device says.
+
+use std::sync::Arc;
+
+use anyhow::Result;
+
+use super::definitions::Definitions;
+use super::plan::{Carries, Plan};
+use super::usage;
+use crate::cli::replay::{Delay, Repeat, ReplayArgs, Unknown};
+use crate::commands::output;
+use crate::frame::Frame;
+use crate::recording::reader::{Entry, Recording};
+use crate::replay::answer::{Answerer, Manner, by_bytes, by_meaning};
+use crate::text::grouped;
+
+/// What answers at each target, by its number, and as which bus.
+pub type Answerers = Vec<Option<(usize, Box<dyn Answerer>)>>;
+
+/// Learns what every answered bus says.
+pub fn learn(args: &ReplayArgs, plan: &Plan, recording: &Recording) -> Result<Answerers> {
+    let mut answerers: Answerers = plan.targets.iter().map(|_| None).collect();
+    let definitions = Definitions::of(&args.decode, recording)?;
+    let manner = Manner {
+        cycle: args.repeat == Repeat::Cycle,
+        delay: args.delay == Delay::Recorded,
+        error: args.unknown == Unknown::Error,
+    };
+    for (bus, name, lane) in plan.buses().filter(|(bus, ..)| plan.answers(*bus)) {
+        let (answerer, answers, full) = match plan.carries(bus) {
+            Carries::Serial => serial(plan, recording, name, &definitions, manner)?,
+            Carries::Can => {
+                return usage(format!("--answer {name}: {name} is a CAN bus"));
+            }
+        };
+        output::note(&format!("{name}: {} recorded answers", grouped(answers as u64)));
+        if full {
+            output::warning(&format!(
+                "{name}: the dialogue is too long to remember; only its first {answers} answers \
+                 are given (choose a part with --start and --end)"
+            ));
+        }
+        answerers[lane] = Some((bus, answerer));
+    }
+    Ok(answerers)
+}
+
+type Learnt = (Box<dyn Answerer>, usize, bool);
+
+fn serial(
+    plan: &Plan,
+    recording: &Recording,
+    bus: &str,
+    definitions: &Definitions<'_>,
+    manner: Manner,
+) -> Result<Learnt> {
+    let topics = [format!("/{bus}/raw"), format!("/{bus}/gaps")];
+    let range = plan.feed.range.clone();
+    let mut entries = recording.entries(range, |topic| topics.iter().any(|own| own == topic));
+    if let Some(protocol) = definitions.serial(bus)? {
+        let protocol = Arc::new(protocol);
+        if manner.error && !protocol.has_error_answer() {
+            return usage(format!(
+                "--unknown error: the definition {} has no [error_answer]",
+                protocol.name
+            ));
+        }
+        let mut learner = by_meaning::Learner::new(protocol);
+        for entry in entries.by_ref() {
+            match entry.value {
+                Entry::Frame(_, Frame::Serial(bytes)) => learner.learn(entry.time, &bytes),
+                Entry::Frame(_, Frame::Gap(_)) => learner.gap(),
+                _ => {}
+            }
+        }
+        say_damage(entries.damage());
+        let (device, answers, full) = learner.finish(manner);
+        return Ok((Box::new(device), answers, full));
+    }
+    if manner.error {
+        return usage(format!(
+            "--unknown error: without a definition nobody knows the error answer of {bus}; name \
+             one with --decode {bus}=PROTOCOL"
+        ));
+    }
+    output::note(&format!("{bus} has no protocol: requests are known by all their bytes"));
+    let mut learner = by_bytes::Learner::default();
+    for entry in entries.by_ref() {
+        match entry.value {
+            Entry::Frame(_, Frame::Serial(bytes)) => learner.learn(entry.time, &bytes),
+            Entry::Frame(_, Frame::Gap(_)) => learner.gap(),
+            _ => {}
+        }
+    }
+    say_damage(entries.damage());
+    let (device, answers, full) = learner.finish(manner);
+    Ok((Box::new(device), answers, full))
+}
+
+fn say_damage(damage: &[String]) {
+    damage.iter().for_each(|sentence| output::warning(sentence));
+}

@@ -28,6 +28,7 @@ mod disk;
 mod hostile;
 mod kill;
 mod record;
+mod replay;
 mod segments;
 mod serial;
 mod slow;

@@ -2,6 +2,7 @@
 
 pub mod book;
 pub mod by_bytes;
+pub mod by_frames;
 pub mod by_meaning;
 
 use std::collections::BTreeMap;

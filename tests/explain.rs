@@ -60,7 +60,7 @@ fn lines_of_candump_are_read_in_all_its_formats() {
     for line in [&all[0], &all[1], &all[3]] {
         assert_eq!(line["time"], "2026-06-22T03:00:00.123456000Z");
     }
-    assert_eq!((&all[4]["rtr"], &all[4]["message"]), (&json!(true), &Value::Null));
+    assert_eq!((&all[4]["rtr"], &all[4]["message"]), (&json!(true), &json!("CONFIG_REQUEST")));
     assert_eq!((&all[5]["id"], &all[5]["data"]), (&json!("0x123"), &json!("aabb")));
     assert_eq!((&all[6]["error"], &all[6]["message"]), (&json!(true), &Value::Null));
 }

@@ -272,16 +272,18 @@ pub struct DemoArgs {
 /// Options of `bustape explain`.
 #[derive(Debug, Args)]
 #[command(after_help = "\
-PROTOCOL is hmi-can (built in), a DBC file, or FILE.dbc:j1939 to recognise 29-bit identifiers by
-their J1939 parameter group number. FRAME is written as candump does, and so are the lines of stdin:
+PROTOCOL is hmi-can (built in), a DBC file, FILE.dbc:j1939 to recognise 29-bit identifiers by their
+J1939 parameter group number, or a TOML file that names its DBC file (docs/protocols.md). FRAME is written as candump does, and so are the lines of stdin:
   123#DEADBEEF                       11-bit identifier
   00030002#35DBA94107530AC3          29-bit identifier
   123##1DEADBEEF, 123#R              CAN FD, remote frame
   (1782097200.123456) can0 123#DEADBEEF
-Signals that are not in a frame (multiplexed away, or beyond its end) are absent, never 0.")]
+Signals that are not in a frame (multiplexed away, or beyond its end) are absent, never 0. Messages of
+several frames follow the frame that ends them.")]
 pub struct ExplainArgs {
-    /// Decode with this protocol: hmi-can, FILE.dbc or FILE.dbc:j1939 for CAN; zhongheng-09 or
-    /// FILE.toml for serial lines, settings behind a colon (zhongheng-09:byte_order=little)
+    /// Decode with this protocol: hmi-can, FILE.dbc, FILE.dbc:j1939 or FILE.toml for CAN;
+    /// zhongheng-09 or FILE.toml for serial lines, settings behind a colon
+    /// (zhongheng-09:byte_order=little)
     #[arg(long, value_name = "PROTOCOL")]
     pub decode: String,
 

@@ -1,5 +1,6 @@
 //! `bustape explain`: what frames mean.
 
+mod assembly;
 mod can;
 mod candump;
 mod json;
@@ -12,10 +13,9 @@ use anyhow::{Context as _, Result, bail};
 
 use super::{Ended, output, protocols};
 use crate::cli::ExplainArgs;
-use crate::decode::can::CanDecoder;
-use crate::decode::dbc::Parsed;
 use crate::decode::protocol::CanProtocol;
 use can::Explainer;
+use protocols::CanFiles;
 
 /// The longest line that can be a frame; 64 bytes of data are 128 digits.
 const MAX_LINE: u64 = 4096;
@@ -30,11 +30,10 @@ pub fn run(args: &ExplainArgs) -> Result<Ended> {
         return explain_serial(protocol, args);
     }
     let protocol = protocols::named(&args.decode)?;
-    let parsed = protocols::load(&protocol)?;
-    say_oddities(&protocol, &parsed);
-    let incomplete = parsed.oddities.lost() > 0;
-    let j1939 = matches!(protocol, CanProtocol::File { j1939: true, .. });
-    let mut explainer = Explainer::new(CanDecoder::new(parsed.database, j1939), args.json);
+    let loaded = protocols::load(&protocol)?;
+    say_oddities(&protocol, &loaded);
+    let incomplete = loaded.oddities.lost() > 0;
+    let mut explainer = Explainer::new(loaded.definition, args.json);
     if let Some(path) = &args.input {
         explain_lines(&mut explainer, open(path)?, &path.display().to_string())?;
     } else if args.frames.is_empty() {
@@ -53,12 +52,12 @@ pub fn run(args: &ExplainArgs) -> Result<Ended> {
     Ok(if incomplete || skipped { Ended::WithLoss } else { Ended::Well })
 }
 
-fn say_oddities(protocol: &CanProtocol, parsed: &Parsed) {
-    let (name, list) = (protocol.name(), parsed.oddities.list());
+fn say_oddities(protocol: &CanProtocol, loaded: &CanFiles) {
+    let (name, list) = (protocol.name(), loaded.oddities.list());
     for oddity in list.iter().take(SAID) {
-        output::warning(&protocols::oddity_text(&name, oddity));
+        output::warning(&protocols::oddity_text(&loaded.database, oddity));
     }
-    let more = list.len().saturating_sub(SAID) as u64 + parsed.oddities.unlisted();
+    let more = list.len().saturating_sub(SAID) as u64 + loaded.oddities.unlisted();
     if more > 0 {
         output::warning(&format!("{more} more; \"bustape protocols check {name}\" lists them"));
     }

@@ -8,8 +8,10 @@ use serde_json::json;
 
 use super::{Ended, UsageError, output};
 use crate::cli::{CheckArgs, ProtocolsArgs, ProtocolsCommand};
-use crate::decode::dbc::{self, Oddity, Parsed};
+use crate::decode::dbc::{self, Oddities, Oddity};
+use crate::decode::definition::CanDefinition;
 use crate::decode::protocol::CanProtocol;
+use crate::decode::rules::Rules;
 use crate::text::{grouped, printable};
 
 /// Runs the command.
@@ -33,13 +35,66 @@ pub fn named(text: &str) -> Result<CanProtocol> {
     }
 }
 
+/// A protocol for CAN, ready to decode with, and the files it was made of.
+#[derive(Debug)]
+pub struct CanFiles {
+    /// What frames mean.
+    pub definition: CanDefinition,
+    /// What was odd about the DBC file.
+    pub oddities: Oddities,
+    /// The DBC file's name in messages.
+    pub database: String,
+    /// Each file's name and content, byte by byte: the DBC file, then the rules if there are any.
+    pub files: Vec<(String, Vec<u8>)>,
+}
+
 /// Reads and parses it.
-pub fn load(protocol: &CanProtocol) -> Result<Parsed> {
-    let bytes = match protocol {
-        CanProtocol::BuiltIn { text, .. } => text.as_bytes().to_vec(),
-        CanProtocol::File { path, .. } => read(path)?,
-    };
-    dbc::parse(&bytes).with_context(|| format!("cannot use {}", protocol.name()))
+pub fn load(protocol: &CanProtocol) -> Result<CanFiles> {
+    let name = protocol.name();
+    match protocol {
+        CanProtocol::BuiltIn { name, database, rules } => {
+            let rules = (format!("{name}.toml"), rules.as_bytes().to_vec());
+            with_rules(rules, |dbc| Ok((dbc.to_owned(), database.as_bytes().to_vec())))
+        }
+        CanProtocol::Rules { path } => {
+            let folder = path.parent().unwrap_or(Path::new(""));
+            with_rules((name, read(path)?), |dbc| {
+                let path = folder.join(dbc);
+                Ok((path.display().to_string(), read(&path)?))
+            })
+        }
+        CanProtocol::File { path, j1939 } => {
+            let bytes = read(path)?;
+            let parsed = dbc::parse(&bytes).with_context(|| format!("cannot use {name}"))?;
+            Ok(CanFiles {
+                definition: CanDefinition::of_database(&stem(path), parsed.database, *j1939),
+                oddities: parsed.oddities,
+                database: name.clone(),
+                files: vec![(name, bytes)],
+            })
+        }
+    }
+}
+
+/// Joins rules to the DBC file that they name.
+fn with_rules(
+    (name, bytes): (String, Vec<u8>),
+    read: impl FnOnce(&str) -> Result<(String, Vec<u8>)>,
+) -> Result<CanFiles> {
+    let text = str::from_utf8(&bytes).with_context(|| format!("{name} is not UTF-8 text"))?;
+    let rules = Rules::read(&name, text)?;
+    let (database, dbc) = read(rules.dbc()).with_context(|| format!("cannot use {name}"))?;
+    let parsed = dbc::parse(&dbc).with_context(|| format!("cannot use {database}"))?;
+    Ok(CanFiles {
+        definition: rules.join(parsed.database)?,
+        oddities: parsed.oddities,
+        files: vec![(database.clone(), dbc), (name, bytes)],
+        database,
+    })
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned())
 }
 
 // Reads one byte more than is allowed, so that the parser sees what is too large.
@@ -62,15 +117,15 @@ fn check(args: &CheckArgs) -> Result<Ended> {
         return check_serial(&args.protocol, &protocol, args.json);
     }
     let protocol = named(&args.protocol)?;
-    let parsed = load(&protocol)?;
+    let loaded = load(&protocol)?;
     let mut out = output::stdout();
     if args.json {
-        writeln!(out, "{}", summary_json(&protocol.name(), &parsed))?;
+        writeln!(out, "{}", summary_json(&protocol.name(), &loaded))?;
     } else {
-        print(&mut out, &protocol.name(), &parsed)?;
+        print(&mut out, &protocol.name(), &loaded)?;
     }
     out.flush()?;
-    Ok(if parsed.oddities.lost() > 0 { Ended::WithLoss } else { Ended::Well })
+    Ok(if loaded.oddities.lost() > 0 { Ended::WithLoss } else { Ended::Well })
 }
 
 /// A definition of a serial protocol loads as a whole or not at all.
@@ -86,40 +141,60 @@ fn check_serial(name: &str, protocol: &crate::protocol::Protocol, as_json: bool)
     Ok(Ended::Well)
 }
 
-fn print(out: &mut impl std::io::Write, name: &str, parsed: &Parsed) -> Result<()> {
-    let Parsed { database, oddities } = parsed;
+fn print(out: &mut impl std::io::Write, name: &str, loaded: &CanFiles) -> Result<()> {
+    let CanFiles { definition, oddities, database, .. } = loaded;
     for oddity in oddities.list() {
-        writeln!(out, "{}", printable(&oddity_text(name, oddity)))?;
+        writeln!(out, "{}", printable(&oddity_text(database, oddity)))?;
     }
     if oddities.unlisted() > 0 {
         writeln!(out, "and {} more", grouped(oddities.unlisted()))?;
     }
-    let signals: usize = database.messages.iter().map(|message| message.signals.len()).sum();
+    let rules = [
+        (definition.remotes().len(), "remote"),
+        (definition.contexts(), "context"),
+        (definition.assemblies().len(), "assembly"),
+    ];
+    let rules = rules.iter().filter(|(count, _)| *count > 0);
+    let rules: Vec<_> = rules.map(|(count, kind)| format!(", {count} {kind} rules")).collect();
     writeln!(
         out,
-        "{}: {} messages, {} signals; {} oddities, {} of them could not be loaded",
+        "{}: {} messages, {} signals{}; {} oddities, {} of them could not be loaded",
         printable(name),
-        grouped(database.messages.len() as u64),
-        grouped(signals as u64),
+        grouped(definition.messages().len() as u64),
+        grouped(signals(definition) as u64),
+        rules.concat(),
         grouped(oddities.list().len() as u64 + oddities.unlisted()),
         grouped(oddities.lost()),
     )?;
     Ok(())
 }
 
-fn summary_json(name: &str, parsed: &Parsed) -> serde_json::Value {
-    let Parsed { database, oddities } = parsed;
+fn signals(definition: &CanDefinition) -> usize {
+    definition.messages().iter().map(|message| message.signals.len()).sum()
+}
+
+fn summary_json(name: &str, loaded: &CanFiles) -> serde_json::Value {
+    let CanFiles { definition, oddities, .. } = loaded;
     let list: Vec<_> = oddities
         .list()
         .iter()
         .map(|oddity| json!({ "line": oddity.line, "text": oddity.text, "lost": oddity.lost }))
         .collect();
+    let files: Vec<_> = loaded
+        .files
+        .iter()
+        .map(|(name, bytes)| json!({ "name": name, "bytes": bytes.len() }))
+        .collect();
     json!({
         "protocol": name,
-        "version": database.version,
-        "nodes": database.nodes,
-        "messages": database.messages.len(),
-        "signals": database.messages.iter().map(|message| message.signals.len()).sum::<usize>(),
+        "files": files,
+        "version": definition.database().version,
+        "nodes": definition.database().nodes,
+        "messages": definition.messages().len(),
+        "signals": signals(definition),
+        "remotes": definition.remotes().len(),
+        "contexts": definition.contexts(),
+        "assemblies": definition.assemblies().len(),
         "oddities": list,
         "oddities_not_listed": oddities.unlisted(),
         "lost": oddities.lost(),

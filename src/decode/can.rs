@@ -53,16 +53,37 @@ pub struct CanDecoder {
     groups: Vec<(u32, u32)>,
 }
 
+/// Which message a frame carries.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Found {
+    /// Place of the message in the database.
+    pub index: usize,
+    /// The frame's addresses, when it was recognised as J1939.
+    pub j1939: Option<Identifier>,
+}
+
 const EXTENDED: u32 = 0x8000_0000;
+
+/// An identifier, and in bit 31 whether it is one of 29 bits.
+#[inline]
+pub(super) fn key(id: u32, extended: bool) -> u32 {
+    id | if extended { EXTENDED } else { 0 }
+}
 
 impl CanDecoder {
     /// Compiles `database`. With `j1939` every message with a 29-bit identifier is recognised by
     /// its parameter group number, whatever the database says.
     pub fn new(database: Database, j1939: bool) -> Self {
+        Self::with_meanings(database, j1939, 0)
+    }
+
+    /// The same; the last `meanings` messages are not recognised by their identifiers.
+    pub(super) fn with_meanings(database: Database, j1939: bool, meanings: usize) -> Self {
         let plans = database.messages.iter().map(Plan::of).collect();
         let (mut exact, mut groups) = (Vec::new(), Vec::new());
-        for (index, message) in (0..).zip(&database.messages) {
-            exact.push((message.id | if message.extended { EXTENDED } else { 0 }, index));
+        let recognised = database.messages.len().saturating_sub(meanings);
+        for (index, message) in (0..).zip(&database.messages).take(recognised) {
+            exact.push((key(message.id, message.extended), index));
             if message.extended && (j1939 || message.format == Format::J1939) {
                 groups.push((group_key(Identifier::of(message.id)), index));
             }
@@ -79,18 +100,29 @@ impl CanDecoder {
 
     /// The message that `frame` carries. Remote and error frames carry none.
     pub fn find(&self, frame: &CanFrame) -> Option<Match<'_>> {
+        self.as_message(self.identify(frame)?, frame)
+    }
+
+    /// The same, as a place in the database.
+    #[inline]
+    pub(super) fn identify(&self, frame: &CanFrame) -> Option<Found> {
         if frame.flags.has(CanFlags::REMOTE) || frame.flags.has(CanFlags::ERROR) {
             return None;
         }
         let extended = frame.flags.has(CanFlags::EXTENDED);
-        let key = frame.id | if extended { EXTENDED } else { 0 };
-        let exact = search(&self.exact, key);
+        let exact = search(&self.exact, key(frame.id, extended));
         let group = if extended { self.find_group(frame.id, exact) } else { None };
         let index = group.map(|(index, _)| index).or(exact)? as usize;
-        let message = self.database.messages.get(index)?;
-        let plan = self.plans.get(index)?;
+        Some(Found { index, j1939: group.map(|(_, id)| id) })
+    }
+
+    /// `frame` as the message that was found for it.
+    #[inline]
+    pub(super) fn as_message(&self, found: Found, frame: &CanFrame) -> Option<Match<'_>> {
+        let message = self.database.messages.get(found.index)?;
+        let plan = self.plans.get(found.index)?;
         let check = check(message, frame);
-        Some(Match { message, check, j1939: group.map(|(_, id)| id), plan })
+        Some(Match { message, check, j1939: found.j1939, plan })
     }
 
     /// By number and source address, else by number: databases give messages the address 0xFE

@@ -1,5 +1,6 @@
 //! Promises of decoding.
 
+mod bus;
 mod hmi_can;
 mod hostile;
 mod multiplexing;

@@ -58,7 +58,8 @@ impl FieldPlan {
         }
     }
 
-    fn read(&self, bytes: &[u8]) -> Value {
+    /// The value of the field's bytes.
+    pub fn read(&self, bytes: &[u8]) -> Value {
         let number = || unsigned(bytes, self.order);
         match (self.kind, bytes.len()) {
             (FieldType::Unsigned, _) => Value::Unsigned(number()),

@@ -16,7 +16,8 @@ const ARROWS: [(&str, &[&str]); 16] = [
     ("record", &["frame", "clock", "text", "recording", "capture"]),
     ("simulate", &["frame", "clock", "sys", "capture", "record"]),
     // What frames mean: no files, no buses.
-    ("decode", &["frame"]),
+    // Fields of messages of several frames are written as those of serial lines.
+    ("decode", &["frame", "protocol"]),
     ("protocol", &["frame"]),
     ("address", &["capture", "simulate"]),
     // Sends what was recorded: with the addresses, ports and codecs that capture has.

@@ -21,6 +21,7 @@
 )]
 
 mod architecture;
+mod can_rules;
 mod cat;
 mod cli;
 mod convert;

@@ -5,6 +5,7 @@ use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Stdio};
 
+use nix::sys::signal::Signal;
 use serde_json::{Value, json};
 
 use crate::record::{balanced, in_order};
@@ -105,6 +106,41 @@ fn a_bridge_passes_everything_on_and_records_both_sides_in_their_order() {
     let facts = file.facts("bustape.bus.rect");
     assert_eq!((facts["kind"].as_str(), facts["bitrate"].as_str()), ("bridge", "19200"));
     assert!(std::fs::symlink_metadata(&link).is_err(), "the link stays behind");
+}
+
+#[test]
+fn all_that_the_kernel_holds_at_the_stop_is_in_the_recording() {
+    // It holds some more for a pseudo-terminal, of which one read returns 4 KiB at most.
+    const BACKLOG: usize = 9_000;
+    let folder = tempfile::tempdir().unwrap();
+    let (path, part) = (folder.path().join("a.mcap"), folder.path().join("a.mcap.part"));
+    let (link, pty) = (folder.path().join("ttyAPP"), folder.path().join("ttyPTY"));
+    let (mut device, mut port) = (Device::new(), Device::new());
+    let buses = [
+        format!("rect=bridge:{},115200,8N1@{}", device.port().display(), link.display()),
+        format!("port={},115200,8N1", port.port().display()),
+        format!("pty=pty:{}", pty.display()),
+    ];
+    let running = start(args(&[&"record", &buses[0], &buses[1], &buses[2], &"-o", &path]));
+    let (mut application, mut writer) = (open(&link), open(&pty));
+    application.write_all(b"?").unwrap();
+    until_recorded(&part, "rect", 0, 1);
+    running.signal(Signal::SIGSTOP);
+    let sent = noise(11, BACKLOG);
+    device.say(&sent);
+    port.say(&sent);
+    application.write_all(&sent).unwrap();
+    writer.write_all(&sent).unwrap();
+    running.signal(Signal::SIGTERM);
+    running.signal(Signal::SIGCONT);
+    running.wait().expect(0);
+    let file = mcap::finished(&path);
+    let (rx, tx) = messages::streams(&file, "rect");
+    assert!(rx == sent && tx[1..] == sent, "the bridge has {} and {}", rx.len(), tx.len());
+    for bus in ["port", "pty"] {
+        let (rx, _) = messages::streams(&file, bus);
+        assert!(rx == sent, "{bus} has {} of {BACKLOG}", rx.len());
+    }
 }
 
 #[test]

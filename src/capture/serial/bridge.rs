@@ -12,6 +12,7 @@ use std::time::Duration;
 use tokio::time::{Instant, Interval, MissedTickBehavior, interval, sleep};
 
 use super::application::Application;
+use super::last::LastReads;
 use super::link::Link;
 use super::open::{Opened, PortSpec, Use};
 use super::port::{Port, READ_BYTES};
@@ -188,7 +189,7 @@ impl Bridging<'_> {
     fn report_unsent(&mut self) {
         if self.unsent > 0 {
             let text = format!(
-                "{} bytes that the application wrote to {} did not reach the port, which was away",
+                "{} bytes that the application wrote to {} did not reach the port",
                 std::mem::take(&mut self.unsent),
                 self.application.path().display()
             );
@@ -198,18 +199,25 @@ impl Bridging<'_> {
 
     /// Takes what both sides have already said, and lets it reach the other side.
     async fn finish(&mut self, mut port: Port) -> io::Result<()> {
-        let end = Instant::now() + LAST_WRITES;
-        while self.application.room() > 0
+        let mut last = LastReads::new();
+        while last.more()
             && let Ok(length @ 1..) = port.read_now(&mut self.buffer)
-            && Instant::now() < end
         {
+            last.took(length);
             hear(&mut port, &mut self.application, self.inlet, &self.buffer[..length])?;
         }
-        if let Ok(length @ 1..) = self.application.read_now(&mut self.buffer) {
+        let mut last = LastReads::new();
+        while last.more()
+            && let Ok(length @ 1..) = self.application.read_now(&mut self.buffer)
+        {
+            last.took(length);
             let said = &self.buffer[..length];
-            record_said(self.inlet, self.inlet.borrow().timeline().now(), said);
-            let _ = self.to_port.pass(said, |bytes| port.write_now(bytes));
+            let time = self.inlet.borrow().timeline().now();
+            record_said(self.inlet, time, said);
+            let passed = self.to_port.pass(said, |bytes| port.write_now(bytes));
+            self.unsent += if passed.is_err() { length } else { 0 };
         }
+        let end = Instant::now() + LAST_WRITES;
         while !(self.to_port.is_empty() && port.unsent() == 0) && Instant::now() < end {
             match port.write_now(self.to_port.front()) {
                 Ok(count) => self.to_port.advance(count),
@@ -217,6 +225,8 @@ impl Bridging<'_> {
             }
             sleep(Duration::from_millis(5)).await;
         }
+        self.unsent += self.to_port.clear();
+        self.report_unsent();
         port.check_overruns(self.inlet);
         Ok(())
     }

@@ -9,8 +9,9 @@ use std::io;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use tokio::time::{Instant, MissedTickBehavior, interval};
+use tokio::time::{MissedTickBehavior, interval};
 
+use super::last::LastReads;
 use super::open::{Opened, PortSpec, Use};
 use super::port::{Port, READ_BYTES};
 use super::settings::SerialSettings;
@@ -18,10 +19,6 @@ use super::supervise::Outage;
 use crate::capture::{BusFacts, CaptureError, Running, Source, Stop};
 use crate::frame::{Direction, Unit};
 use crate::record::Inlet;
-
-/// At the end, what the kernel still holds is taken, but not for longer than this: a line that
-/// never pauses would never end.
-const LAST_READS: Duration = Duration::from_millis(200);
 
 /// One or two listening ports that make one bus.
 pub struct Listen {
@@ -117,13 +114,12 @@ async fn listen(port: &mut Port, inlet: &RefCell<Inlet>, stop: &mut Stop) -> io:
             read = port.read(&mut buffer) => port.record(inlet, &buffer[..read?]),
         }
     }
-    let end = Instant::now() + LAST_READS;
-    while Instant::now() < end {
-        match port.read_now(&mut buffer) {
-            Ok(length @ 1..) => port.record(inlet, &buffer[..length]),
-            // Gone or empty is all the same now.
-            Ok(_) | Err(_) => break,
-        }
+    let mut last = LastReads::new();
+    while last.more()
+        && let Ok(length @ 1..) = port.read_now(&mut buffer)
+    {
+        port.record(inlet, &buffer[..length]);
+        last.took(length);
     }
     port.check_overruns(inlet);
     Ok(())

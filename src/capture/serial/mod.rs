@@ -13,6 +13,7 @@ mod address;
 mod application;
 mod bridge;
 mod identity;
+pub(super) mod last;
 mod link;
 mod listen;
 pub mod marks;

@@ -2,10 +2,10 @@
 
 use std::io;
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
 
 use tokio::io::Interest;
 
+use super::last::LastReads;
 use super::link::Link;
 use super::port::READ_BYTES;
 use crate::capture::{BusFacts, CaptureError, Running, Source, Stop};
@@ -13,9 +13,6 @@ use crate::frame::{Direction, Frame, SerialBytes, Unit};
 use crate::record::Inlet;
 use crate::sys::pty::Pty;
 use crate::sys::wait::register;
-
-/// At the end, what the kernel still holds is taken, but not for longer than this.
-const LAST_READS: Duration = Duration::from_millis(200);
 
 /// The pseudo-terminal and its link.
 pub struct PtySource {
@@ -73,11 +70,12 @@ impl Source for PtySource {
                     }
                 }
             }
-            let end = Instant::now() + LAST_READS;
-            while Instant::now() < end
+            let mut last = LastReads::new();
+            while last.more()
                 && let Ok(length @ 1..) = pty.get_ref().read(&mut buffer)
             {
                 record(&mut inlet, &buffer[..length]);
+                last.took(length);
             }
             Ok(())
         })

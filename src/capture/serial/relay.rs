@@ -32,8 +32,9 @@ impl Relay {
         self.front().is_empty()
     }
 
-    /// Hands `bytes` to `write` at once if nothing waits, and keeps what it does not take. There
-    /// must be [`Relay::room`]. `write` says how many bytes it took.
+    /// Hands `bytes` to `write` at once if nothing waits, and keeps what it does not take. Ask
+    /// for [`Relay::room`] before, except for the last bytes of all. `write` says how many bytes it
+    /// took.
     pub fn pass(
         &mut self,
         bytes: &[u8],

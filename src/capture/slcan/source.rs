@@ -10,6 +10,7 @@ use super::address::SlcanAddress;
 use super::session::Session;
 use super::set_up::set_up;
 use crate::capture::serial::SerialSettings;
+use crate::capture::serial::last::LastReads;
 use crate::capture::serial::open::{Opened, PortSpec, Use};
 use crate::capture::serial::port::{Port, READ_BYTES};
 use crate::capture::serial::supervise::Outage;
@@ -134,6 +135,15 @@ async fn record(port: &mut Port, session: &mut Session<'_>, stop: &mut Stop) -> 
         }
     };
     let _ = timeout(LAST_WORDS, last_words).await;
+    // On a busy machine that time may be over before the first read.
+    let mut last = LastReads::new();
+    while !session.is_closed()
+        && last.more()
+        && let Ok(length @ 1..) = port.read_now(&mut buffer)
+    {
+        session.take(&buffer[..length]);
+        last.took(length);
+    }
     port.check_overruns(session.inlet());
     Ok(())
 }

@@ -1,31 +1,49 @@
 //! CAN frames, decoded and printed.
 
+use std::collections::HashMap;
 use std::io::{BufWriter, StdoutLock, Write as _};
+use std::sync::Arc;
 
 use anyhow::Result;
 
 use super::super::output;
 use super::candump::{self, Line};
-use super::{json, plain};
-use crate::decode::can::{CanDecoder, Match, Reading};
+use super::{assembly, json, plain};
+use crate::decode::bus::{CanBus, CanItem};
+use crate::decode::can::{Match, Reading};
+use crate::decode::definition::{CanDefinition, RemoteMessage};
 use crate::frame::CanFlags;
+
+/// Frames of so many buses are put together; no log has as many.
+const MOST_BUSES: usize = 256;
 
 /// A frame and what it means.
 pub struct Explained<'a> {
     /// The line it came from.
-    pub line: Line<'a>,
+    pub line: &'a Line<'a>,
     /// Its message, if it is known.
     pub found: Option<&'a Match<'a>>,
+    /// The message of a remote frame, if it is known.
+    pub remote: Option<&'a RemoteMessage>,
     /// Which way it went, if anything says so.
     pub direction: Option<String>,
     /// By index of the signal.
     pub readings: &'a [Option<Reading>],
 }
 
+/// The frames of one bus.
+struct Bus {
+    bus: CanBus,
+    /// Its lines say when.
+    timed: bool,
+}
+
 /// Prints what frames mean.
 pub struct Explainer {
-    decoder: CanDecoder,
+    definition: Arc<CanDefinition>,
     json: bool,
+    /// By name; lines without a name are of one bus.
+    buses: HashMap<Option<String>, Bus>,
     /// By index of the signal; used again for each frame.
     found: Vec<Option<Reading>>,
     skipped: usize,
@@ -34,9 +52,16 @@ pub struct Explainer {
 }
 
 impl Explainer {
-    /// Decodes with `decoder`.
-    pub fn new(decoder: CanDecoder, json: bool) -> Self {
-        Self { decoder, json, found: Vec::new(), skipped: 0, out: output::stdout() }
+    /// Decodes with `definition`.
+    pub fn new(definition: CanDefinition, json: bool) -> Self {
+        Self {
+            definition: Arc::new(definition),
+            json,
+            buses: HashMap::new(),
+            found: Vec::new(),
+            skipped: 0,
+            out: output::stdout(),
+        }
     }
 
     /// Explains one line of candump's; the inner error says why it is none.
@@ -45,16 +70,18 @@ impl Explainer {
             Ok(line) => line,
             Err(why) => return Ok(Err(why)),
         };
-        let found = self.decoder.find(&line.frame);
-        self.found.clear();
-        if let Some(found) = &found {
-            self.found.resize(found.message.signals.len(), None);
-            found.decode(&line.frame, |reading| self.found[reading.signal] = Some(reading));
+        let name = line.bus.map(str::to_owned);
+        if self.buses.len() >= MOST_BUSES && !self.buses.contains_key(&name) {
+            self.give_up()?;
         }
-        let found = found.as_ref();
-        let direction = direction(&self.decoder, &line, found);
-        let frame = Explained { line, found, direction, readings: &self.found };
-        let text = if self.json { json::text(&frame) } else { plain::text(&frame) };
+        let new = || Bus { bus: CanBus::new(self.definition.clone()), timed: false };
+        let bus = self.buses.entry(name).or_insert_with(new);
+        bus.timed = line.time.is_some();
+        let (definition, readings, json) = (&self.definition, &mut self.found, self.json);
+        let mut text = String::new();
+        bus.bus.feed(line.time.unwrap_or_default(), &line.frame, &mut |item| {
+            text.push_str(&explain(&item, &line, definition, readings, json));
+        });
         self.out.write_all(text.as_bytes())?;
         Ok(Ok(()))
     }
@@ -69,19 +96,61 @@ impl Explainer {
 
     /// Writes what is left. True if lines were skipped.
     pub fn finish(mut self) -> Result<bool> {
+        self.give_up()?;
         self.out.flush()?;
         if self.skipped > super::SAID {
             output::warning(&format!("{} lines were no frames", self.skipped));
         }
         Ok(self.skipped > 0)
     }
+
+    /// Shows what waited for more frames, by names of the buses, and forgets them.
+    fn give_up(&mut self) -> Result<()> {
+        let mut buses: Vec<_> = self.buses.drain().collect();
+        buses.sort_unstable_by(|(a, _), (b, _)| a.cmp(b));
+        for (name, Bus { mut bus, timed }) in buses {
+            let (mut text, json) = (String::new(), self.json);
+            bus.finish(&mut |item| {
+                if let CanItem::Assembly(assembled) = item {
+                    let time = timed.then_some(assembled.ended);
+                    text.push_str(&assembly::text(&assembled, time, name.as_deref(), json));
+                }
+            });
+            self.out.write_all(text.as_bytes())?;
+        }
+        Ok(())
+    }
 }
 
-fn direction(decoder: &CanDecoder, line: &Line<'_>, found: Option<&Match<'_>>) -> Option<String> {
+fn explain(
+    item: &CanItem<'_>,
+    line: &Line<'_>,
+    definition: &CanDefinition,
+    readings: &mut Vec<Option<Reading>>,
+    json: bool,
+) -> String {
+    readings.clear();
+    let (mut found, mut remote) = (None, None);
+    match item {
+        CanItem::Assembly(assembled) => {
+            let time = line.time.is_some().then_some(assembled.ended);
+            return assembly::text(assembled, time, line.bus, json);
+        }
+        CanItem::Message(message) => {
+            readings.resize(message.message.signals.len(), None);
+            message.decode(&line.frame, |reading| readings[reading.signal] = Some(reading));
+            found = Some(message);
+        }
+        CanItem::Remote(message) => remote = Some(*message),
+        CanItem::Unknown => {}
+    }
     let said = || if line.frame.flags.has(CanFlags::TX) { "tx" } else { "rx" };
-    found
-        .and_then(|found| found.message.direction(&decoder.database().nodes))
-        .or_else(|| line.has_direction.then(|| said().to_owned()))
+    let direction = found
+        .and_then(|found| definition.direction(found.message))
+        .or_else(|| remote.and_then(|remote| remote.direction.clone()))
+        .or_else(|| line.has_direction.then(|| said().to_owned()));
+    let frame = Explained { line, found, remote, direction, readings };
+    if json { json::text(&frame) } else { plain::text(&frame) }
 }
 
 /// Lower case, as JSON and people get it.

@@ -3,13 +3,13 @@
 use serde_json::{Map, Value as Json, json};
 
 use super::can::{Explained, hex};
-use crate::decode::can::Value;
+use crate::decode::can::{Check, Value};
 use crate::frame::{CanFlags, CanFrame};
 use crate::text::rfc3339;
 
 /// One line.
 pub fn text(explained: &Explained<'_>) -> String {
-    let Explained { line, found, direction, readings } = explained;
+    let Explained { line, found, remote, direction, readings } = explained;
     let (mut signals, mut labels, mut absent) = (Map::new(), Map::new(), Vec::new());
     let message = found.map(|found| found.message);
     for (signal, reading) in message.iter().flat_map(|m| &m.signals).zip(*readings) {
@@ -29,9 +29,10 @@ pub fn text(explained: &Explained<'_>) -> String {
         "id": identifier(frame),
         "ext": has(CanFlags::EXTENDED),
         "rtr": has(CanFlags::REMOTE),
-        "message": message.map(|message| &message.name),
+        "message": message.map(|message| &message.name).or(remote.map(|remote| &remote.name)),
         "dir": direction,
-        "check": found.map(|found| found.check.name()),
+        // A remote frame has no data that could be short or long.
+        "check": found.map(|found| found.check).or(remote.map(|_| Check::Exact)).map(Check::name),
         "signals": signals,
         "labels": labels,
         "absent": absent,
@@ -49,15 +50,21 @@ pub fn text(explained: &Explained<'_>) -> String {
     format!("{value}\n")
 }
 
-/// JSON has no NaN and no infinity; they are texts, as in protobuf's JSON.
 fn number(value: Value) -> Json {
     match value {
         Value::Unsigned(number) => json!(number),
         Value::Signed(number) => json!(number),
-        Value::Float(number) if number.is_nan() => json!("NaN"),
-        Value::Float(number) if number == f64::INFINITY => json!("Infinity"),
-        Value::Float(number) if number == f64::NEG_INFINITY => json!("-Infinity"),
-        Value::Float(number) => json!(number),
+        Value::Float(number) => float(number),
+    }
+}
+
+/// JSON has no NaN and no infinity; they are texts, as in protobuf's JSON.
+pub fn float(number: f64) -> Json {
+    match number {
+        number if number.is_nan() => json!("NaN"),
+        f64::INFINITY => json!("Infinity"),
+        f64::NEG_INFINITY => json!("-Infinity"),
+        number => json!(number),
     }
 }
 

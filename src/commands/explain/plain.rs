@@ -10,13 +10,18 @@ use crate::text::{printable, rfc3339};
 
 /// A line for the frame and one for each signal.
 pub fn text(explained: &Explained<'_>) -> String {
-    let line = &explained.line;
+    let line = explained.line;
     let mut head = Vec::new();
     head.extend(line.time.map(rfc3339));
     head.extend(line.bus.map(printable));
     let mut frame = Vec::new();
     crate::text::candump::put(&mut frame, &line.frame);
     head.push(String::from_utf8_lossy(&frame).into_owned());
+    if let Some(remote) = explained.remote {
+        let direction = explained.direction.as_deref().map(|d| format!("  {}", printable(d)));
+        let (head, direction) = (head.join(" "), direction.unwrap_or_default());
+        return format!("{head}  {}{direction}  remote frame\n", printable(&remote.name));
+    }
     let Some(found) = explained.found else {
         return format!("{}  {}\n", head.join(" "), unknown(&line.frame));
     };

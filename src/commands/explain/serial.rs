@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, Result, anyhow};
 
+use crate::decode::rules;
 use crate::frame::{Direction, Timestamp};
 use crate::protocol::message::Message;
 use crate::protocol::payload::{Field, Value};
@@ -14,7 +15,7 @@ use crate::protocol::{Decoder, Item, ItemKind, Protocol, Settings, json};
 use crate::text::printable;
 
 /// Loads `zhongheng-09[:byte_order=little]` or a definition file `FILE.toml[:...]`; `None` when
-/// `text` names no serial protocol.
+/// `text` names no serial protocol, or a file that is about CAN.
 pub fn load(text: &str) -> Result<Option<Protocol>> {
     let (name, settings) = match text.rsplit_once(':') {
         Some((name, settings)) if settings.contains('=') => (name, settings),
@@ -28,6 +29,9 @@ pub fn load(text: &str) -> Result<Option<Protocol>> {
         return Ok(None);
     }
     let definition = fs::read_to_string(name).with_context(|| format!("cannot read {name}"))?;
+    if rules::is_can(&definition) {
+        return Ok(None);
+    }
     Ok(Some(Protocol::parse(name, &definition, settings)?))
 }
 

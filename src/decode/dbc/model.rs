@@ -39,7 +39,7 @@ pub enum Format {
 }
 
 /// `BO_`: a message.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct Message {
     /// 11 or 29 bits.
     pub id: u32,
@@ -98,7 +98,7 @@ pub struct Gate {
 pub type Labels = Arc<[(i128, Box<str>)]>;
 
 /// `SG_`: a signal.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Signal {
     /// Its name; unique in the message.
     pub name: String,

@@ -13,7 +13,7 @@ use super::values::{self, Tables};
 use super::{Carries, Definition, Table, framing, messages};
 
 /// Longest definition, in bytes.
-const LONGEST: usize = 4 << 20;
+pub const LONGEST: usize = 4 << 20;
 
 /// Most fields of all commands.
 const MOST_FIELDS: usize = 1 << 16;
@@ -92,7 +92,8 @@ fn only(names: &[&str]) -> Option<Arc<str>> {
     }
 }
 
-fn tables(forms: &BTreeMap<String, Spanned<Table>>) -> Result<Tables, Fault> {
+/// Compiles `[values]` or `[flags]`.
+pub fn tables(forms: &BTreeMap<String, Spanned<Table>>) -> Result<Tables, Fault> {
     forms
         .iter()
         .map(|(name, form)| Ok((name.clone(), values::table(form.get_ref(), &form.span())?)))

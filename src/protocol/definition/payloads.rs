@@ -63,7 +63,8 @@ impl Context<'_> {
         })
     }
 
-    fn payload(&self, forms: &[Spanned<FieldForm>]) -> Result<Payload, Fault> {
+    /// Compiles fields that follow each other.
+    pub fn payload(&self, forms: &[Spanned<FieldForm>]) -> Result<Payload, Fault> {
         let mut payload = Payload::default();
         let mut names = HashSet::new();
         for spanned in forms {

@@ -1,0 +1,89 @@
+//! What the frames of a bus mean: a database, and the rules that a database cannot say.
+
+use super::assembly::Assembly;
+use super::can::CanDecoder;
+use super::context::Meaning;
+use super::dbc::{Database, Message};
+
+/// A CAN protocol, ready to decode with.
+#[derive(Debug)]
+pub struct CanDefinition {
+    pub(super) name: String,
+    pub(super) title: Option<String>,
+    pub(super) decoder: CanDecoder,
+    pub(super) remotes: Vec<RemoteMessage>,
+    pub(super) meanings: Vec<Meaning>,
+    pub(super) assemblies: Vec<Assembly>,
+    /// By message: whether a rule is about it.
+    pub(super) ruled: Vec<bool>,
+}
+
+/// A message that is a remote frame: asks for something, carries no data.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RemoteMessage {
+    /// 11 or 29 bits.
+    pub id: u32,
+    /// 29-bit identifier.
+    pub extended: bool,
+    /// Its name; no other message of the protocol has it.
+    pub name: String,
+    /// For people.
+    pub title: Option<String>,
+    /// Which way it goes, `SENDER-to-RECEIVER`, if that is known.
+    pub direction: Option<String>,
+}
+
+impl CanDefinition {
+    /// A database without rules. With `j1939` see [`CanDecoder::new`].
+    pub fn of_database(name: &str, database: Database, j1939: bool) -> Self {
+        Self {
+            name: name.to_owned(),
+            title: None,
+            ruled: vec![false; database.messages.len()],
+            decoder: CanDecoder::new(database, j1939),
+            remotes: Vec::new(),
+            meanings: Vec::new(),
+            assemblies: Vec::new(),
+        }
+    }
+
+    /// The protocol's name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// What people call it.
+    pub fn title(&self) -> Option<&str> {
+        self.title.as_deref()
+    }
+
+    /// The database, with the messages that rules have added at the end.
+    pub fn database(&self) -> &Database {
+        self.decoder.database()
+    }
+
+    /// Every message that a data frame can be.
+    pub fn messages(&self) -> &[Message] {
+        &self.database().messages
+    }
+
+    /// Every message that a remote frame can be.
+    pub fn remotes(&self) -> &[RemoteMessage] {
+        &self.remotes
+    }
+
+    /// Every message that is put together from several frames.
+    pub fn assemblies(&self) -> &[Assembly] {
+        &self.assemblies
+    }
+
+    /// How many rules give an identifier another meaning.
+    pub fn contexts(&self) -> usize {
+        self.meanings.len()
+    }
+
+    /// Which way a message's frames go, if that is known.
+    pub fn direction(&self, message: &Message) -> Option<String> {
+        message.direction(&self.database().nodes)
+    }
+}

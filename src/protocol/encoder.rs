@@ -19,14 +19,14 @@ pub struct ErrorAnswer {
 }
 
 impl Protocol {
-    /// What a frame asks for, whatever its number in the dialogue: its header without such numbers,
-    /// and its data. Two requests with the same meaning have the same
-    /// answers.
+    /// What a frame asks for, whatever its number in the dialogue: its header with such numbers
+    /// zero, and its data. Two requests with the same meaning have the same answers.
     pub fn meaning(&self, frame: &FrameItem) -> Vec<u8> {
-        let counts = |index: usize| self.sequence().any(|number| number == index);
-        let numbers = frame.header.iter().enumerate().filter(|(index, _)| !counts(*index));
-        let mut meaning: Vec<u8> =
-            numbers.flat_map(|(_, reading)| reading.value.to_be_bytes()).collect();
+        let header = &self.framing.layout.header;
+        let mut meaning = frame.bytes.get(..header.end).unwrap_or_default().to_vec();
+        for quantity in self.sequence().filter_map(|index| header.quantities.get(index)) {
+            quantity.write(0, &mut meaning);
+        }
         meaning.extend_from_slice(&frame.data);
         meaning
     }

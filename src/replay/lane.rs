@@ -194,7 +194,7 @@ impl Lane {
             self.waits.nanos += now.saturating_sub(self.asked);
         }
         self.asked = now;
-        if took.count > 0 || took.blocked.is_none() {
+        if took.count > 0 || took.blocked.is_none() || self.blocked.is_none() {
             self.since = now;
         }
         let newly = self.blocked.is_none() || took.count > 0;

@@ -70,7 +70,7 @@ pub struct Position {
     pub lap: u64,
     /// Frames sent.
     pub sent: u64,
-    /// The longest lateness since the last look, nanoseconds; none while nothing is timed.
+    /// The longest lateness so far, nanoseconds; none while nothing is timed.
     pub late: Option<u64>,
 }
 
@@ -150,7 +150,6 @@ pub fn play(
             ended: false,
             next_status: began,
             warned: false,
-            late_before: 0,
             ending: None,
         };
         let ending = player.run();
@@ -204,7 +203,6 @@ struct Player<'a, 'scope, 'env> {
     next_status: u64,
     /// It was said that a target takes nothing.
     warned: bool,
-    late_before: u64,
     ending: Option<Ending>,
 }
 
@@ -566,7 +564,6 @@ impl Player<'_, '_, '_> {
         if self.audience.watches() {
             let latest = self.tallies.iter().map(|t| t.lateness.max()).max().unwrap_or(0);
             let timed = self.tallies.iter().any(|t| t.lateness.count() > 0);
-            self.late_before = latest;
             self.audience.show(&Position {
                 time: self.position,
                 rate: self.schedule.rate(),

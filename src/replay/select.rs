@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use super::tally::NotSent;
 use crate::capture::socketcan::CanSettings;
-use crate::decode::can::CanDecoder;
+use crate::decode::definition::CanDefinition;
 use crate::frame::{CanFlags, CanFrame, Direction, Frame};
 
 /// Frames by their place in the frame: an identifier, or a decoded message's name.
@@ -47,7 +47,7 @@ pub struct Selection {
     /// Only messages of these names, if there are any.
     pub messages: Vec<String>,
     /// What messages are told by.
-    pub decoder: Option<Arc<CanDecoder>>,
+    pub definition: Option<Arc<CanDefinition>>,
     /// Only what went this way.
     pub only: Option<Direction>,
     /// Frames that get another identifier, and whether that has 29 bits.
@@ -86,8 +86,7 @@ impl Selection {
         if self.messages.is_empty() && self.remap.is_empty() || error {
             return Ok(());
         }
-        let found = self.decoder.as_ref().and_then(|decoder| decoder.find(frame));
-        let name = found.map(|found| found.message.name.as_str());
+        let name = self.definition.as_ref().and_then(|definition| definition.name_of(frame));
         if !self.messages.is_empty() && !self.messages.iter().any(|m| Some(m.as_str()) == name) {
             return Err(NotSent::Filtered);
         }
@@ -96,10 +95,10 @@ impl Selection {
             Which::Id { id, extended: long } => *id == frame.id && *long == extended,
             Which::Message(wanted) => Some(wanted.as_str()) == name,
         };
-        if let Some((_, id, long)) = self.remap.iter().find(|(which, ..)| fits(which)) {
-            frame.id = *id;
+        if let Some(&(_, id, long)) = self.remap.iter().find(|(which, ..)| fits(which)) {
+            frame.id = id;
             let others = frame.flags.0 & !CanFlags::EXTENDED.0;
-            frame.flags = CanFlags(others | if *long { CanFlags::EXTENDED.0 } else { 0 });
+            frame.flags = CanFlags(others | if long { CanFlags::EXTENDED.0 } else { 0 });
         }
         Ok(())
     }

@@ -11,7 +11,7 @@ use crate::cli::replay::{Delay, Repeat, ReplayArgs, Unknown};
 use crate::commands::output;
 use crate::frame::Frame;
 use crate::recording::reader::{Entry, Recording};
-use crate::replay::answer::{Answerer, Manner, by_bytes, by_meaning};
+use crate::replay::answer::{Answerer, Manner, by_bytes, by_frames, by_meaning};
 use crate::text::grouped;
 
 /// What answers at each target, by its number, and as which bus.
@@ -29,9 +29,7 @@ pub fn learn(args: &ReplayArgs, plan: &Plan, recording: &Recording) -> Result<An
     for (bus, name, lane) in plan.buses().filter(|(bus, ..)| plan.answers(*bus)) {
         let (answerer, answers, full) = match plan.carries(bus) {
             Carries::Serial => serial(plan, recording, name, &definitions, manner)?,
-            Carries::Can => {
-                return usage(format!("--answer {name}: {name} is a CAN bus"));
-            }
+            Carries::Can => can(plan, recording, name, &definitions, manner)?,
         };
         output::note(&format!("{name}: {} recorded answers", grouped(answers as u64)));
         if full {
@@ -46,6 +44,44 @@ pub fn learn(args: &ReplayArgs, plan: &Plan, recording: &Recording) -> Result<An
 }
 
 type Learnt = (Box<dyn Answerer>, usize, bool);
+
+fn can(
+    plan: &Plan,
+    recording: &Recording,
+    bus: &str,
+    definitions: &Definitions<'_>,
+    manner: Manner,
+) -> Result<Learnt> {
+    let Some(definition) = definitions.can(bus)? else {
+        return usage(format!(
+            "--answer {bus}: which frames answer which, a protocol has to say; name it with --decode \
+             {bus}=PROTOCOL"
+        ));
+    };
+    if definition.answers().is_empty() {
+        return usage(format!(
+            "--answer {bus}: the protocol {} has no [[answer]] rules",
+            definition.name()
+        ));
+    }
+    if manner.error {
+        return usage(format!("--unknown error: {bus} is a CAN bus, which has no error answers"));
+    }
+    let topics = [format!("/{bus}/raw"), format!("/{bus}/gaps")];
+    let range = plan.feed.range.clone();
+    let mut entries = recording.entries(range, |topic| topics.iter().any(|own| own == topic));
+    let mut learner = by_frames::Learner::new(definition.answers().to_vec());
+    for entry in entries.by_ref() {
+        match entry.value {
+            Entry::Frame(_, Frame::Can(frame)) => learner.learn(entry.time, &frame),
+            Entry::Frame(_, Frame::Gap(_)) => learner.gap(),
+            _ => {}
+        }
+    }
+    say_damage(entries.damage());
+    let (device, answers, full) = learner.finish(manner);
+    Ok((Box::new(device), answers, full))
+}
 
 fn serial(
     plan: &Plan,

@@ -4,9 +4,9 @@ use anyhow::{Context as _, Result};
 
 use super::usage;
 use crate::commands::{explain, protocols};
-use crate::decode::can::CanDecoder;
 use crate::decode::dbc;
-use crate::decode::protocol::CanProtocol;
+use crate::decode::definition::CanDefinition;
+use crate::decode::rules::Rules;
 use crate::protocol::{Protocol, Settings};
 use crate::recording::reader::Recording;
 
@@ -33,19 +33,21 @@ impl<'a> Definitions<'a> {
         Ok(Self { given, recording })
     }
 
-    /// The database of a CAN bus, if there is one.
-    pub fn can(&self, bus: &str) -> Result<Option<CanDecoder>> {
+    /// The definition of a CAN bus, if there is one.
+    pub fn can(&self, bus: &str) -> Result<Option<CanDefinition>> {
         if let Some(text) = self.given(bus) {
-            let protocol = protocols::named(text)?;
-            let parsed = protocols::load(&protocol)?;
-            let j1939 = matches!(protocol, CanProtocol::File { j1939: true, .. });
-            return Ok(Some(CanDecoder::new(parsed.database, j1939)));
+            return Ok(Some(protocols::load(&protocols::named(text)?)?.definition));
         }
         let Some((name, bytes)) = self.attached(bus, ".dbc")? else { return Ok(None) };
         let parsed = dbc::parse(&bytes)
             .with_context(|| format!("cannot use the attached {name} of {bus}"))?;
+        if let Some((name, bytes)) = self.attached(bus, ".toml")? {
+            let text = String::from_utf8(bytes)
+                .with_context(|| format!("the attached {name} of {bus} is not UTF-8 text"))?;
+            return Ok(Some(Rules::read(&name, &text)?.join(parsed.database)?));
+        }
         let j1939 = self.fact(bus, "protocol").is_some_and(|text| text.ends_with(":j1939"));
-        Ok(Some(CanDecoder::new(parsed.database, j1939)))
+        Ok(Some(CanDefinition::of_database(&name, parsed.database, j1939)))
     }
 
     /// The definition of a serial line, if there is one.

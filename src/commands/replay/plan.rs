@@ -293,16 +293,25 @@ fn range(args: &ReplayArgs, recording: &Recording) -> Result<RangeInclusive<Time
     let start = moment(&args.start, first)?;
     let end = match args.duration {
         Some(duration) => start.plus(u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)),
-        None => moment(&args.end, last)?,
+        // Not the time of the last message: a batch has frames that are later.
+        None => moment(&args.end, Timestamp(u64::MAX))?,
     };
-    if start > end || start > last {
+    let widest = batch_span(recording);
+    if start > end || start > last.plus(widest) {
         return usage(format!(
             "nothing is left to play: the recording goes from {} to {}",
             rfc3339_millis(first),
             rfc3339_millis(last)
         ));
     }
-    Ok(start..=end.min(last))
+    Ok(start..=end)
+}
+
+/// How much later than its message a frame in it can be, nanoseconds.
+fn batch_span(recording: &Recording) -> u64 {
+    let spans = recording.segments.iter();
+    let spans = spans.filter_map(|s| s.fact("bustape.recording", "batch_max_ns")?.parse().ok());
+    spans.max().unwrap_or(0)
 }
 
 fn selection(
@@ -360,7 +369,7 @@ fn name_messages(
     bus: &str,
     definitions: &Definitions<'_>,
 ) -> Result<()> {
-    let Some(decoder) = definitions.can(bus)? else {
+    let Some(definition) = definitions.can(bus)? else {
         return usage(format!(
             "messages of {bus} have no names without a database; name it with --decode \
              {bus}=PROTOCOL"
@@ -371,11 +380,12 @@ fn name_messages(
         Which::Id { .. } => None,
     });
     for name in selection.messages.iter().chain(renamed) {
-        if !decoder.database().messages.iter().any(|message| message.name == *name) {
+        let remote = definition.remotes().iter().any(|remote| remote.name == *name);
+        if !remote && !definition.messages().iter().any(|message| message.name == *name) {
             return usage(format!("the database of {bus} has no message {name}"));
         }
     }
-    selection.decoder = Some(Arc::new(decoder));
+    selection.definition = Some(Arc::new(definition));
     Ok(())
 }
 

@@ -7,9 +7,11 @@ use super::omitted_text;
 use super::plan::Plan;
 use crate::cli::replay::ReplayArgs;
 use crate::commands::output;
+use crate::replay::ReplayError;
 use crate::replay::answer::Counts;
 use crate::replay::lateness::Lateness;
 use crate::replay::player::{Ending, Outcome, Stage};
+use crate::replay::sink::trace::READER_GONE;
 use crate::replay::tally::{Tally, Waits};
 use crate::replay::target::TargetAddress;
 use crate::replay::verify::Verdict;
@@ -42,6 +44,7 @@ fn reason(outcome: &Outcome) -> &'static str {
         Ok(Ending::Count) => "count",
         Ok(Ending::Quit) => "quit",
         Ok(Ending::Signal(name)) => name,
+        Err(ReplayError(ref text)) if text == READER_GONE => "reader gone",
         Err(_) => "error",
     }
 }

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 
 use super::book::{Book, Found};
 use super::{Answerer, Counts, Manner, Reply};
+use crate::decode::answers::AnswerRule;
 use crate::frame::{CanFlags, CanFrame, Frame, Timestamp};
 use crate::replay::sink::Heard;
 
@@ -14,50 +15,6 @@ const SILENCE: u64 = 50_000_000;
 const LATE: u64 = 1_000_000_000;
 /// Most frames of a request.
 const LONGEST: usize = 256;
-
-/// Which frames are meant.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Pattern {
-    /// Identifier.
-    pub id: u32,
-    /// Its bits that count.
-    pub mask: u32,
-    /// 29-bit identifiers.
-    pub extended: bool,
-    /// Remote frames; otherwise data frames.
-    pub remote: bool,
-}
-
-impl Pattern {
-    fn fits(&self, frame: &CanFrame) -> bool {
-        let has = |flag| frame.flags.has(flag);
-        !has(CanFlags::ERROR)
-            && has(CanFlags::EXTENDED) == self.extended
-            && has(CanFlags::REMOTE) == self.remote
-            && (frame.id ^ self.id) & self.mask == 0
-    }
-}
-
-/// What asks, and what answers that.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Rule {
-    /// Its name, for a person.
-    pub name: String,
-    /// Frames that ask.
-    pub request: Vec<Pattern>,
-    /// Frames that answer.
-    pub answer: Vec<Pattern>,
-}
-
-impl Rule {
-    fn asks(&self, frame: &CanFrame) -> bool {
-        self.request.iter().any(|pattern| pattern.fits(frame))
-    }
-
-    fn answers(&self, frame: &CanFrame) -> bool {
-        self.answer.iter().any(|pattern| pattern.fits(frame))
-    }
-}
 
 /// What was said: how long after the first frame, and the frame.
 type Frames = Vec<(u64, Said)>;
@@ -95,14 +52,14 @@ struct Learning {
 
 /// Learns what a device says.
 pub struct Learner {
-    rules: Vec<Rule>,
+    rules: Vec<AnswerRule>,
     books: Vec<Book<Frames>>,
     open: Vec<Learning>,
 }
 
 impl Learner {
     /// Begins with empty books.
-    pub fn new(rules: Vec<Rule>) -> Self {
+    pub fn new(rules: Vec<AnswerRule>) -> Self {
         let books = rules.iter().map(|_| Book::new()).collect();
         let open = rules.iter().map(|_| Learning::default()).collect();
         Self { rules, books, open }
@@ -196,7 +153,7 @@ fn put(request: &mut Vec<u8>, frame: &CanFrame) {
 
 /// What one rule knows, and what it has heard of the next request.
 struct Device {
-    rule: Rule,
+    rule: AnswerRule,
     book: Book<Frames>,
     requests: BTreeSet<Vec<u8>>,
     held: Vec<u8>,
@@ -295,6 +252,7 @@ impl Answerer for ByFrames {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::decode::answers::FramePattern;
 
     const MILLI: u64 = 1_000_000;
 
@@ -302,9 +260,9 @@ mod tests {
         CanFrame::new(id, flags, data)
     }
 
-    fn rule(request: (u32, u32, bool), answer: (u32, u32)) -> Rule {
-        let pattern = |id, mask, remote| Pattern { id, mask, extended: false, remote };
-        Rule {
+    fn rule(request: (u32, u32, bool), answer: (u32, u32)) -> AnswerRule {
+        let pattern = |id, mask, remote| FramePattern { id, mask, extended: false, remote };
+        AnswerRule {
             name: "r".to_owned(),
             request: vec![pattern(request.0, request.1, request.2)],
             answer: vec![pattern(answer.0, answer.1, false)],

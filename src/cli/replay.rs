@@ -57,6 +57,7 @@ back TIME, rate X|max, mark [TEXT], status, quit";
 /// Options of `bustape replay`.
 #[derive(Debug, Args)]
 #[command(after_help = NOTES)]
+#[allow(clippy::struct_excessive_bools, reason = "each is an option of its own")]
 pub struct ReplayArgs {
     /// Files, or folders; segments follow each other, recordings run side by side by their times
     #[arg(required = true, value_name = "FILE")]

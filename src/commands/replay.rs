@@ -33,11 +33,13 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
     let recording = Recording::open(&args.files)?;
     let plan = plan.complete(args, &recording)?;
     let reaches = plan.reaches()?;
-    plan.check_fd(&recording, &reaches)?;
     if args.dry_run {
+        plan.check_fd(&recording, &reaches)?;
         return preview::show(args, &plan, &recording, &reaches);
     }
-    let permit = permission::ask(args, &reaches)?;
+    let permit = permission::permit(args, &reaches)?;
+    permission::confirm(args, &reaches)?;
+    plan.check_fd(&recording, &reaches)?;
     say_intact(&recording);
     plan.say_unmapped(&recording);
     let answerers = answers::learn(args, &plan, &recording)?;
@@ -46,9 +48,7 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
     // removed at the end.
     let mut controls = controls(args)?;
     let mut lanes = plan.open(args, &reaches, &permit)?;
-    for lane in &mut lanes {
-        lane.sink().notes().iter().for_each(|note| output::warning(note));
-    }
+    say_notes(&mut lanes);
     if args.verify {
         plan.watch(&mut lanes, &reaches)?;
     }
@@ -65,16 +65,21 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
     let outcome = play(&mut stage, &mut controls, &mut screen, options);
     screen.clear();
     drop(controls);
-    for lane in &mut stage.lanes {
-        lane.sink().notes().iter().for_each(|note| output::warning(note));
-    }
+    say_notes(&mut stage.lanes);
     let verdicts: Vec<_> = stage.lanes.iter_mut().map(Lane::verdict).collect();
-    report::report(args, &plan, &stage, &outcome, &verdicts)?;
+    report::report(args, &plan, &stage, &outcome, &verdicts);
     drop(stage);
     let ended = ended(outcome, &recording)?;
     match verdicts.into_iter().flatten().find_map(|verdict| verdict.difference) {
         Some(difference) => bail!("what arrived is not what was sent: {difference}"),
         None => Ok(ended),
+    }
+}
+
+/// What a person should know of the targets.
+fn say_notes(lanes: &mut [Lane]) {
+    for note in lanes.iter_mut().flat_map(|lane| lane.sink().notes()) {
+        output::warning(&note);
     }
 }
 

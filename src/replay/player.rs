@@ -1,9 +1,11 @@
 //! Plays: takes frames from the feed, waits for their moment, hands them to their lanes.
 
+mod requests;
+mod waiting;
+
+use std::collections::VecDeque;
 use std::thread::Scope;
 use std::time::Duration;
-
-use nix::poll::{PollFd, PollFlags};
 
 use super::ReplayError;
 use super::answer::Answerer;
@@ -14,8 +16,7 @@ use super::schedule::{Rate, Schedule};
 use super::tally::Tally;
 use crate::frame::{Frame, Gap, Timestamp};
 use crate::recording::reader::Recording;
-use crate::sys::timing::{least_timer_slack, steady_nanos, wait};
-use crate::text::parse_moment;
+use crate::sys::timing::{least_timer_slack, steady_nanos};
 
 /// Most frames taken from the feed before lanes and controls get their turn.
 const TURN: usize = 2048;
@@ -149,6 +150,7 @@ pub fn play(
             starved: true,
             ended: false,
             next_status: began,
+            said: VecDeque::new(),
             warned: false,
             ending: None,
         };
@@ -168,13 +170,6 @@ pub fn play(
             took,
         }
     })
-}
-
-/// Something to say, and when.
-struct Answer {
-    at: u64,
-    time: Timestamp,
-    frame: Frame,
 }
 
 struct Player<'a, 'scope, 'env> {
@@ -201,6 +196,8 @@ struct Player<'a, 'scope, 'env> {
     /// Nothing more comes from the feed.
     ended: bool,
     next_status: u64,
+    /// What was asked for and not done yet.
+    said: VecDeque<Said>,
     /// It was said that a target takes nothing.
     warned: bool,
     ending: Option<Ending>,
@@ -210,6 +207,7 @@ impl Player<'_, '_, '_> {
     fn run(&mut self) -> Result<Ending, ReplayError> {
         self.begin()?;
         while self.ending.is_none() {
+            self.obey_next();
             let due = self.release();
             let now = steady_nanos();
             for lane in &mut self.stage.lanes {
@@ -317,212 +315,6 @@ impl Player<'_, '_, '_> {
                 }
             }
         }
-    }
-
-    /// Waits until `due`, until a lane wants to be looked at, or until somebody says something.
-    fn wait(&mut self, due: Option<u64>) -> Result<(), ReplayError> {
-        let mut until = due;
-        let mut sooner = |time: u64| until = Some(until.map_or(time, |until| until.min(time)));
-        for lane in &mut self.stage.lanes {
-            if due != Some(0) && !lane.sink().rest()? {
-                sooner(steady_nanos() + 5_000_000);
-            }
-            if let Some(look) = lane.next_look() {
-                sooner(look);
-            }
-        }
-        for (_, answerer) in self.stage.answerers.iter().flatten() {
-            if let Some(look) = answerer.next_look() {
-                sooner(look);
-            }
-        }
-        if self.audience.watches() {
-            sooner(self.next_status);
-        }
-        let spin = due.filter(|due| self.options.precise && Some(*due) == until && *due > 0);
-        let until =
-            if spin.is_some() { until.map(|until| until.saturating_sub(SPIN)) } else { until };
-        let (said, heard) = self.wait_for_descriptors(until)?;
-        if said {
-            self.take_said();
-        }
-        for lane in heard {
-            self.hear(lane)?;
-        }
-        self.look();
-        if let Some(due) = spin
-            && steady_nanos() + SPIN >= due
-        {
-            while steady_nanos() < due {
-                std::hint::spin_loop();
-            }
-        }
-        Ok(())
-    }
-
-    /// Whether a control has something to say, and the lanes that do.
-    fn wait_for_descriptors(&self, until: Option<u64>) -> Result<(bool, Vec<usize>), ReplayError> {
-        let mut descriptors: Vec<PollFd<'_>> =
-            self.controls.descriptors().map(|fd| PollFd::new(fd, PollFlags::POLLIN)).collect();
-        let controls = descriptors.len();
-        let mut owners = Vec::new();
-        for (number, lane) in self.stage.lanes.iter().enumerate() {
-            let (sink, events) = lane.waiting();
-            if let Some(descriptor) = sink.descriptor().filter(|_| !events.is_empty()) {
-                descriptors.push(PollFd::new(descriptor, events));
-                owners.push(number);
-            }
-        }
-        let ready = wait(&mut descriptors, until)
-            .map_err(|error| ReplayError(format!("cannot wait: {error}")))?;
-        if ready == 0 {
-            return Ok((false, Vec::new()));
-        }
-        let is_ready = |fd: &PollFd<'_>| fd.revents().is_some_and(|events| !events.is_empty());
-        let (of_controls, of_lanes) = descriptors.split_at(controls);
-        let hears = |fd: &PollFd<'_>| {
-            let events = fd.revents().unwrap_or(PollFlags::empty());
-            events.intersects(PollFlags::POLLIN | PollFlags::POLLERR | PollFlags::POLLHUP)
-        };
-        let heard = of_lanes.iter().zip(owners).filter(|(fd, _)| hears(fd)).map(|(_, n)| n);
-        Ok((of_controls.iter().any(is_ready), heard.collect()))
-    }
-
-    /// Takes what came back from a target, and answers it.
-    fn hear(&mut self, number: usize) -> Result<(), ReplayError> {
-        let Some(lane) = self.stage.lanes.get_mut(number) else { return Ok(()) };
-        let mut answers = Vec::new();
-        let now = steady_nanos();
-        let answerer = self.stage.answerers.get_mut(number).and_then(Option::as_mut);
-        let Some((bus, answerer)) = answerer else {
-            // Nobody listens to it, but whoever writes must not be held up.
-            return lane.sink().hear(&mut |_| {});
-        };
-        lane.sink().hear(&mut |heard| {
-            answerer.hear(now, heard, &mut |delay, time, frame| {
-                answers.push(Answer { at: now + delay, time, frame });
-            });
-        })?;
-        let (bus, notes) = (*bus, answerer.take_notes());
-        self.answer(number, bus, answers, notes);
-        Ok(())
-    }
-
-    /// Lets answers that wait for silence come.
-    fn look(&mut self) {
-        let now = steady_nanos();
-        let mut all = Vec::new();
-        for (number, answerer) in self.stage.answerers.iter_mut().enumerate() {
-            let Some((bus, answerer)) = answerer else { continue };
-            if answerer.next_look().is_none_or(|look| now < look) {
-                continue;
-            }
-            let mut answers = Vec::new();
-            answerer.look(now, &mut |delay, time, frame| {
-                answers.push(Answer { at: now + delay, time, frame });
-            });
-            all.push((number, *bus, answers, answerer.take_notes()));
-        }
-        for (number, bus, answers, notes) in all {
-            self.answer(number, bus, answers, notes);
-        }
-    }
-
-    fn answer(&mut self, lane: usize, bus: usize, answers: Vec<Answer>, notes: Vec<String>) {
-        for text in notes {
-            self.audience.say(&text);
-        }
-        let Some(lane) = self.stage.lanes.get_mut(lane) else { return };
-        for Answer { at, time, frame } in answers {
-            self.given += 1;
-            lane.push(at, Item { media: 0, time, bus, frame });
-        }
-    }
-
-    fn take_said(&mut self) {
-        let mut said = Vec::new();
-        self.controls.take(&mut |what| said.push(what));
-        for what in said {
-            match what {
-                Said::Request(request) => self.obey(request),
-                Said::Nonsense(text) => self.audience.warn(&text),
-                Said::Signal(name) => self.ending = Some(Ending::Signal(name)),
-            }
-        }
-    }
-
-    fn obey(&mut self, request: Request) {
-        let now = steady_nanos();
-        match request {
-            Request::Pause => self.schedule.pause(now, self.media),
-            Request::Resume => self.schedule.resume(now),
-            Request::Toggle if self.schedule.is_paused() => self.schedule.resume(now),
-            Request::Toggle => self.schedule.pause(now, self.media),
-            Request::Step(count) => {
-                self.schedule.pause(now, self.media);
-                self.steps += count;
-            }
-            Request::Seek(text) => return self.seek_text(&text),
-            Request::Skip(by, forward) => {
-                let nanos = u64::try_from(by.as_nanos()).unwrap_or(u64::MAX);
-                let back = Timestamp(self.position.nanos().saturating_sub(nanos));
-                return self.seek(if forward { self.position.plus(nanos) } else { back });
-            }
-            Request::Rate(rate) => self.schedule.set_rate(rate, now, self.media),
-            Request::Faster(faster) => {
-                if let Rate::Times(times) = self.schedule.rate() {
-                    let times = if faster { times * 2.0 } else { times / 2.0 };
-                    let rate = Rate::Times(times.clamp(Rate::LEAST, Rate::MOST));
-                    self.schedule.set_rate(rate, now, self.media);
-                }
-            }
-            Request::Mark(text) => {
-                let place = self.place();
-                let words = if text.is_empty() { "mark" } else { &text };
-                self.audience.say(&format!("{words}: {place}"));
-                self.marks.push((self.position, text));
-                return;
-            }
-            Request::Quit => self.ending = Some(Ending::Quit),
-            Request::Status => {}
-        }
-        let state = if self.schedule.is_paused() { "paused" } else { "playing" };
-        let (rate, place) = (self.schedule.rate(), self.place());
-        self.audience.say(&format!("{state} at {place}, rate {rate}, {} sent", self.sent()));
-    }
-
-    /// The recorded time of the latest frame, for a person.
-    fn place(&self) -> String {
-        let start = self.stage.recording.span().map_or(self.position, |span| span.0);
-        let after = self.position.since(start);
-        format!(
-            "+{}.{:03} s ({})",
-            after / 1_000_000_000,
-            after / 1_000_000 % 1000,
-            crate::text::rfc3339(self.position)
-        )
-    }
-
-    fn seek_text(&mut self, text: &str) {
-        let start = self.stage.recording.span().map_or(Timestamp(0), |span| span.0);
-        match parse_moment(text, start) {
-            Ok(time) => self.seek(time),
-            Err(error) => self.audience.warn(&error),
-        }
-    }
-
-    /// Goes on at another place. What was due already is still sent.
-    fn seek(&mut self, time: Timestamp) {
-        self.take_books();
-        let range = &self.stage.plan.range;
-        let from = time.clamp(*range.start(), *range.end());
-        let place = Place { from, lap: self.feed.lap(), media: self.media };
-        self.feed = Feed::start(self.scope, self.stage.recording, self.stage.plan, place);
-        self.schedule.jump(self.media, steady_nanos());
-        self.position = from;
-        self.ended = false;
-        let place = self.place();
-        self.audience.say(&format!("now at {place}"));
     }
 
     fn sent(&self) -> u64 {

@@ -214,10 +214,20 @@ fn read_from(path: &Path, count: usize) -> std::thread::JoinHandle<Vec<u8>> {
     })
 }
 
+/// A child that does not outlive its test.
+struct Killed(Child);
+
+impl Drop for Killed {
+    fn drop(&mut self) {
+        self.0.kill().ok();
+        self.0.wait().ok();
+    }
+}
+
 /// A replay that takes commands by its stdin.
 struct Controlled {
-    child: Child,
-    to: ChildStdin,
+    child: Killed,
+    to: Option<ChildStdin>,
     said: BufReader<std::process::ChildStderr>,
 }
 
@@ -232,13 +242,13 @@ impl Controlled {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        let to = child.stdin.take().unwrap();
+        let to = child.stdin.take();
         let said = BufReader::new(child.stderr.take().unwrap());
-        Self { child, to, said }
+        Self { child: Killed(child), to, said }
     }
 
     fn say(&mut self, line: &str) {
-        writeln!(self.to, "{line}").unwrap();
+        writeln!(self.to.as_mut().unwrap(), "{line}").unwrap();
     }
 
     /// Asks and returns the line that has `part`.
@@ -255,12 +265,12 @@ impl Controlled {
     }
 
     fn end(mut self) -> (i32, Value, String) {
-        drop(self.to);
+        drop(self.to.take());
         let mut rest = String::new();
         self.said.read_to_string(&mut rest).unwrap();
         let mut out = String::new();
-        self.child.stdout.take().unwrap().read_to_string(&mut out).unwrap();
-        let code = self.child.wait().unwrap().code().unwrap();
+        self.child.0.stdout.take().unwrap().read_to_string(&mut out).unwrap();
+        let code = self.child.0.wait().unwrap().code().unwrap();
         let report = out.lines().last().unwrap_or_default();
         (code, serde_json::from_str(report).unwrap_or_default(), rest)
     }
@@ -509,8 +519,10 @@ fn a_dry_run_says_what_would_go_where_and_sends_nothing() {
     assert_eq!((&terminal["frames"], &terminal["virtual"]), (&20.into(), &true.into()));
     assert!(heard_by(&device).is_empty() && !tty.exists());
     // An adapter without a CAN FD rate is refused CAN FD frames, whatever its permission.
-    let classic = format!("can0=slcan:{}@500000", device.port().display());
-    let ran = made.replay(&["--to", &classic]).expect(1);
+    let port = device.port().display().to_string();
+    let classic = format!("can0=slcan:{port}@500000");
+    let ran = made.replay(&["--to", &classic, "--transmit-on", &port, "--yes"]).expect(1);
+    assert_eq!(heard_by(&device), b"");
     assert!(ran.err.contains("can0 has CAN FD frames"), "{}", ran.err);
 }
 

@@ -134,5 +134,7 @@ fn serial(
 }
 
 fn say_damage(damage: &[String]) {
-    damage.iter().for_each(|sentence| output::warning(sentence));
+    for sentence in damage {
+        output::warning(sentence);
+    }
 }

@@ -10,7 +10,7 @@ use crate::commands::Refused;
 use crate::replay::permit::{Permit, Reach, grant};
 
 /// The permit to send to all targets, or the reason why nothing is sent.
-pub fn ask(args: &ReplayArgs, reaches: &[Reach]) -> Result<Permit> {
+pub fn permit(args: &ReplayArgs, reaches: &[Reach]) -> Result<Permit> {
     for name in &args.transmit_on {
         if !reaches.iter().any(|reach| reach.name == *name) {
             let names: Vec<&str> = reaches.iter().map(|reach| reach.name.as_str()).collect();
@@ -18,11 +18,15 @@ pub fn ask(args: &ReplayArgs, reaches: &[Reach]) -> Result<Permit> {
             return usage(format!("--transmit-on {name}: the targets are {targets}"));
         }
     }
-    let permit = grant(reaches, &args.transmit_on).map_err(|error| Refused(error.0))?;
+    Ok(grant(reaches, &args.transmit_on).map_err(|error| Refused(error.0))?)
+}
+
+/// Asks a person, if anything real shall be sent to and nobody has said yes yet.
+pub fn confirm(args: &ReplayArgs, reaches: &[Reach]) -> Result<()> {
     if any_real(reaches) && !args.yes && !confirmed(reaches)? {
         bail!(Refused("not sent: it was not confirmed with \"yes\"".to_owned()));
     }
-    Ok(permit)
+    Ok(())
 }
 
 fn confirmed(reaches: &[Reach]) -> Result<bool> {

@@ -122,12 +122,16 @@ impl Plan {
                 continue;
             }
             if let Some(time) = self.first_fd(recording, bus, name) {
+                let target = &self.targets[lane].text;
+                let hint = if reaches[lane].is_virtual {
+                    format!(" (here: ip link set {target} mtu 72)")
+                } else {
+                    String::new()
+                };
                 bail!(
-                    "{name} has CAN FD frames (the first at {}), which {} cannot carry; choose a \
-                     target with CAN FD (for a virtual one: ip link set {} mtu 72)",
+                    "{name} has CAN FD frames (the first at {}), which {target} cannot carry; \
+                     choose a target with CAN FD{hint}",
                     rfc3339_millis(time),
-                    self.targets[lane].text,
-                    self.targets[lane].text,
                 );
             }
         }
@@ -148,7 +152,7 @@ impl Plan {
     pub fn open(&self, args: &ReplayArgs, reaches: &[Reach], permit: &Permit) -> Result<Vec<Lane>> {
         let mut lanes = Vec::new();
         for (number, target) in self.targets.iter().enumerate() {
-            let answers = args.answer.iter().any(|bus| *bus == target.bus);
+            let answers = args.answer.contains(&target.bus);
             let sink: Box<dyn Sink> = match &target.address {
                 TargetAddress::Can(name) => {
                     let link = reaches[number].link.as_ref();
@@ -159,7 +163,7 @@ impl Plan {
                     Box::new(SlcanSink::open(address.clone(), permit)?)
                 }
                 TargetAddress::Port { path, settings } => {
-                    Box::new(SerialSink::open(path.clone(), settings.clone(), permit)?)
+                    Box::new(SerialSink::open(path.clone(), *settings, permit)?)
                 }
                 TargetAddress::Pty(path) => Box::new(PtySink::open(path)?),
                 TargetAddress::Trace => Box::new(TraceSink::new(&self.names)),

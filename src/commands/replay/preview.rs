@@ -58,7 +58,7 @@ pub fn show(
     });
     let refusal = grant(reaches, &args.transmit_on).err();
     if args.json {
-        print_json(plan, reaches, &tallies, span, refusal.is_none())?;
+        print_json(plan, reaches, &tallies, span, refusal.is_none());
     } else {
         print_table(plan, reaches, &tallies, span);
     }
@@ -66,7 +66,9 @@ pub fn show(
         output::note(&format!("it would not run: {refusal}"));
     }
     plan.say_unmapped(recording);
-    damage.iter().for_each(|sentence| output::warning(sentence));
+    for sentence in &damage {
+        output::warning(sentence);
+    }
     super::say_intact(recording);
     let damaged = !damage.is_empty() || recording.unfinished().any(info::is_damaged);
     Ok(if damaged { Ended::WithLoss } else { Ended::Well })
@@ -104,7 +106,7 @@ fn print_json(
     tallies: &[Tally],
     span: Option<(Timestamp, Timestamp)>,
     permitted: bool,
-) -> Result<()> {
+) {
     let buses = plan.buses().map(|(bus, name, lane)| {
         let (reach, tally) = (&reaches[lane], &tallies[bus]);
         let omitted: serde_json::Map<_, _> = tally
@@ -131,5 +133,4 @@ fn print_json(
         "buses": buses.collect::<Vec<_>>(),
     });
     anstream::println!("{report}");
-    Ok(())
 }

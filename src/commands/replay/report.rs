@@ -1,6 +1,7 @@
 //! What a replay says of itself at its end.
 
-use anyhow::Result;
+use std::fmt::Write as _;
+
 use serde_json::{Value, json};
 
 use super::omitted_text;
@@ -24,7 +25,7 @@ pub fn report(
     stage: &Stage<'_>,
     outcome: &Outcome,
     verdicts: &[Option<Verdict>],
-) -> Result<()> {
+) {
     let text = if args.json {
         format!("{}\n", as_json(plan, stage, outcome, verdicts))
     } else {
@@ -35,7 +36,6 @@ pub fn report(
     } else {
         anstream::print!("{text}");
     }
-    Ok(())
 }
 
 fn reason(outcome: &Outcome) -> &'static str {
@@ -77,14 +77,15 @@ fn as_table(
     let mut text = output::table(&head, &[2, 3, 4, 5, 6], rows.collect());
     for (lane, verdict) in stage.lanes.iter().zip(verdicts) {
         if let Some(Verdict { same, error, difference: None }) = verdict {
-            text.push_str(&format!(
-                " {}: {} compared and the same; off by p50 {} us, p99 {} us, at most {} us\n",
+            let _ = writeln!(
+                text,
+                " {}: {} compared and the same; off by p50 {} us, p99 {} us, at most {} us",
                 lane.target,
                 grouped(*same),
                 grouped(error.percentile(50) / 1000),
                 grouped(error.percentile(99) / 1000),
                 grouped(error.max() / 1000),
-            ));
+            );
         }
     }
     for (bus, answerer) in stage.answerers.iter().flatten() {
@@ -93,7 +94,7 @@ fn as_table(
     }
     let gaps: u64 = outcome.tallies.iter().map(|tally| tally.gaps).sum();
     let gaps = if gaps > 0 { format!("; {gaps} gaps in the recording") } else { String::new() };
-    text.push_str(&format!(" {} after {}{gaps}\n", reason(outcome), duration(outcome.took)));
+    let _ = writeln!(text, " {} after {}{gaps}", reason(outcome), duration(outcome.took));
     text
 }
 
@@ -184,7 +185,7 @@ fn answers_text(bus: &str, counts: &Counts) -> String {
         (counts.damaged, "damaged"),
     ] {
         if count > 0 {
-            text.push_str(&format!(", {} {what}", grouped(count)));
+            let _ = write!(text, ", {} {what}", grouped(count));
         }
     }
     text.push('\n');

@@ -17,6 +17,10 @@ use crate::sys::pty::Pty;
 /// lost its bytes long before.
 const STALLED: Duration = Duration::from_secs(1);
 
+/// At the end everything is read when nothing was left for so long. The kernel moves bytes into the
+/// reader's buffer, the only one that can be asked, a moment after that has room.
+const READ_OUT: Duration = Duration::from_millis(50);
+
 /// A pseudo-terminal and its link.
 pub struct PtySink {
     pty: Pty,
@@ -27,6 +31,8 @@ pub struct PtySink {
     offset: usize,
     /// Since when nothing was taken.
     stuck: Option<Instant>,
+    /// At the end: since when everything seems to be read.
+    read_out: Option<Instant>,
 }
 
 impl PtySink {
@@ -35,14 +41,14 @@ impl PtySink {
         let (pty, link) = linked(path).map_err(|error| ReplayError(error.0))?;
         let opens = Opens::watch(pty.path())
             .map_err(|e| ReplayError(format!("cannot watch {}: {e}", pty.path().display())))?;
-        Ok(Self { pty, _link: link, opens, present: false, offset: 0, stuck: None })
+        Ok(Self { pty, _link: link, opens, present: false, offset: 0, stuck: None, read_out: None })
     }
 
     /// Looks whether anybody is there. What the last one did not read goes with it: the next one
     /// must not find a stranger's bytes.
     fn look(&mut self) {
         let mut count = self.opens.count();
-        if count == 0 && self.present {
+        if self.opens.take_news() && count == 0 {
             // 0 may be one opening too few; more than 0 is certain.
             count = holders(self.pty.path()).len() as u64;
             self.opens.correct(count);
@@ -125,6 +131,14 @@ impl Sink for PtySink {
     fn finish(&mut self) -> Result<bool, ReplayError> {
         // With the pseudo-terminal goes what was not read.
         self.look();
-        Ok(!self.present || self.pty.unread() == 0)
+        if !self.present {
+            return Ok(true);
+        }
+        if self.pty.unread() > 0 {
+            self.read_out = None;
+            return Ok(false);
+        }
+        // More may be on its way in the kernel, where it is not counted.
+        Ok(self.read_out.get_or_insert_with(Instant::now).elapsed() >= READ_OUT)
     }
 }

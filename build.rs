@@ -7,10 +7,11 @@ use std::path::PathBuf;
 use protox::prost::Message as _;
 
 /// The messages that have a channel, and the file that defines each.
-const ROOTS: [(&str, &str); 7] = [
+const ROOTS: [(&str, &str); 8] = [
     ("bustape.CanFrame", "bustape/can_frame.proto"),
     ("bustape.CanBatch", "bustape/can_batch.proto"),
     ("bustape.SerialBytes", "bustape/serial_bytes.proto"),
+    ("bustape.SerialFrame", "bustape/serial_frame.proto"),
     ("bustape.Gap", "bustape/gap.proto"),
     ("bustape.BusStats", "bustape/bus_stats.proto"),
     ("bustape.ClockSync", "bustape/clock_sync.proto"),

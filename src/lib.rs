@@ -13,11 +13,13 @@
 
 pub mod address;
 pub mod capture;
+pub mod channels;
 pub mod cli;
 pub mod clock;
 pub mod commands;
 pub mod decode;
 pub mod frame;
+pub mod permit;
 pub mod protocol;
 pub mod record;
 pub mod recording;

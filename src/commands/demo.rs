@@ -1,23 +1,23 @@
 //! `bustape demo`: a recording without any hardware.
 
 use anyhow::{Context as _, Result};
-use socketcan::{CanInterface, Socket as _};
+use socketcan::CanInterface;
 
 use super::record::{self, Bus, Plan};
-use super::{Ended, info, output};
+use super::{Ended, definitions, info, output};
 use crate::capture::Source;
 use crate::capture::socketcan::{CanOptions, SocketCan};
 use crate::cli::DemoArgs;
 use crate::record::{Pace, Split, Target};
 use crate::recording::reader::Recording;
 use crate::recording::writer::WriterOptions;
+use crate::simulate::hmi_can::fault::{self as bus_fault, BusFaults};
 use crate::simulate::hmi_can::{HmiCan, onto_can};
 use crate::simulate::rectifier_line::SimulatedRectifier;
-use crate::simulate::source::{DEMO_TIME_SCALE, SimulatedCan};
+use crate::simulate::source::{Life, SimulatedCan};
+use crate::simulate::zhongheng::fault::{self as line_fault, LineFaults};
 use crate::text::duration;
 
-/// The same demo for everybody.
-const SEED: u64 = 13;
 /// Name of the interface the demo makes for itself.
 const INTERFACE: &str = "vcan-bustape";
 
@@ -30,16 +30,22 @@ pub fn run(args: &DemoArgs) -> Result<Ended> {
         "Recording a simulated power station for {seconds} into {}; an hour passes there in 2.5 s.",
         args.dir.display()
     ));
+    let buses = ["station", "rectifier"].map(str::to_owned);
+    let decode = ["station=hmi-can", "rectifier=zhongheng-09"].map(str::to_owned);
+    let definitions = definitions::load(&decode, &buses, Vec::new())?;
     let runtime = record::runtime()?;
     let recorded = runtime.block_on(async {
         let (station, _vcan) = station();
         let rectifier = Bus {
             name: "rectifier".to_owned(),
             address: "sim:zhongheng-09".to_owned(),
-            source: Box::new(SimulatedRectifier::new(SEED, DEMO_TIME_SCALE)),
+            source: Box::new(SimulatedRectifier::new(
+                Life::default(),
+                LineFaults::none(line_fault::FAULTS),
+            )),
         };
         output::note("rectifier: the polling master and the monitor talk over a pseudo-terminal.");
-        record::record(vec![station, rectifier], &plan(args)).await
+        record::record(vec![station, rectifier], definitions, &plan(args)).await
     })?;
     let ended = record::report(&recorded, false)?;
     println!();
@@ -52,6 +58,7 @@ fn plan(args: &DemoArgs) -> Plan {
     Plan {
         target: Target::Folder(args.dir.clone(), "demo".to_owned()),
         split: Split::default(),
+        limits: None,
         writer: WriterOptions { layout: args.layout, ..WriterOptions::default() },
         pace: Pace::default(),
         queue: 16 << 20,
@@ -76,7 +83,8 @@ fn station() -> (Bus, Option<Vcan>) {
                 "station: on a bus inside this process. A virtual CAN interface, which needs root \
                  and a kernel with vcan, cannot be made here: {why:#}."
             ));
-            let source = Box::new(SimulatedCan::new(SEED, DEMO_TIME_SCALE));
+            let source =
+                Box::new(SimulatedCan::new(Life::default(), BusFaults::none(bus_fault::FAULTS)));
             (Bus { name, address: "sim:hmi-can".to_owned(), source }, None)
         }
     }
@@ -98,10 +106,13 @@ impl Vcan {
         }
         let settings = INTERFACE.parse()?;
         let source = SocketCan::open(&settings, &CanOptions::default())?;
-        let socket = socketcan::CanSocket::open(INTERFACE)?;
-        socket.set_nonblocking(true)?;
-        let station = HmiCan::new(SEED, DEMO_TIME_SCALE);
-        vcan.sender = Some(tokio::spawn(onto_can::send(station, socket)));
+        let transmitter = onto_can::Transmitter::open(INTERFACE)?;
+        let life = Life::default();
+        let station = HmiCan::new(life.seed, life.time_scale);
+        vcan.sender = Some(tokio::spawn(async move {
+            // It ends with the interface.
+            onto_can::play(station, &transmitter).await.ok();
+        }));
         Ok((vcan, source))
     }
 }
@@ -127,7 +138,8 @@ fn next_steps(files: &[std::path::PathBuf]) {
     let bustape = std::env::args().next().unwrap_or_else(|| "bustape".to_owned());
     println!("\nLook    {bustape} cat {file} | less");
     println!("Plot    in Foxglove: Open local file, {file};");
-    println!("        add a Plot of /station/stats.rate and Raw Messages of /station/raw");
+    println!("        add a Plot of /station/BATMON_2.voltage, State Transitions of");
+    println!("        /station/INV1_1.mode_label and the Log");
     println!("Replay  {bustape} cat {file} -f station | canplayer vcan0=station");
     println!("Export  {bustape} cat {file} --json > frames.jsonl");
 }

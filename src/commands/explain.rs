@@ -52,7 +52,8 @@ pub fn run(args: &ExplainArgs) -> Result<Ended> {
     Ok(if incomplete || skipped { Ended::WithLoss } else { Ended::Well })
 }
 
-fn say_oddities(protocol: &CanProtocol, loaded: &CanFiles) {
+/// Says what is odd in the file of a protocol.
+pub fn say_oddities(protocol: &CanProtocol, loaded: &CanFiles) {
     let (name, list) = (protocol.name(), loaded.oddities.list());
     for oddity in list.iter().take(SAID) {
         output::warning(&protocols::oddity_text(&loaded.database, oddity));

@@ -11,6 +11,7 @@ use crate::cli::InfoArgs;
 use crate::frame::{Frame, Gap, Timestamp};
 use crate::record::{reason_name, unit_name};
 use crate::recording::reader::{Entry, Recording};
+use crate::recording::rewrite::RECOVERY;
 use crate::recording::segment::{Ending, Segment};
 use crate::text::{duration, grouped, printable_json, rfc3339, rfc3339_millis, size};
 
@@ -33,6 +34,7 @@ pub fn print(recording: &Recording) -> Result<()> {
     let mut out = output::stdout();
     print_files(&mut out, recording)?;
     print_buses(&mut out, recording)?;
+    print_decoded(&mut out, recording)?;
     print_topics(&mut out, recording)?;
     print_gaps(&mut out, recording)?;
     print_attachments(&mut out, recording)?;
@@ -48,7 +50,11 @@ fn print_files(out: &mut impl std::io::Write, recording: &Recording) -> Result<(
     let rows = recording.segments.iter().map(|segment| {
         let (start, end) = span(segment);
         let ended = match &segment.ending {
-            Ending::Finished => segment.fact("bustape.summary", "reason").unwrap_or("finished"),
+            Ending::Finished => match segment.fact("bustape.summary", "reason") {
+                Some(reason) => reason,
+                None if segment.metadata.contains_key(RECOVERY) => "cut off, recovered",
+                None => "finished",
+            },
             Ending::Cut { .. } => "NOT FINISHED",
         };
         let path = segment.path.display().to_string();
@@ -90,6 +96,24 @@ fn print_buses(out: &mut impl std::io::Write, recording: &Recording) -> Result<(
     Ok(())
 }
 
+/// What buses were decoded with, and what came of it.
+fn print_decoded(out: &mut impl std::io::Write, recording: &Recording) -> Result<()> {
+    let buses: Vec<Bus> = recording.buses.iter().map(|bus| Bus::of(recording, bus)).collect();
+    let rows: Vec<Vec<String>> = buses.iter().filter_map(Bus::decoded).collect();
+    if rows.is_empty() {
+        return Ok(());
+    }
+    output::heading(out, "Decoded")?;
+    let head = ["bus", "protocol", "messages", "unknown", "invalid"];
+    write!(out, "{}", output::table(&head, &[2, 3, 4], rows))?;
+    for bus in &buses {
+        if let Some(why) = bus.totals.get("decode_error") {
+            output::warning(why);
+        }
+    }
+    Ok(())
+}
+
 /// A bus, from all segments.
 struct Bus {
     name: String,
@@ -115,12 +139,21 @@ impl Bus {
         }
     }
 
+    /// A count of the summary; an unfinished recording has none.
+    fn number(&self, key: &str) -> String {
+        let count = self.totals.get(key).and_then(|text| text.parse().ok());
+        count.map_or("?".to_owned(), grouped)
+    }
+
+    fn decoded(&self) -> Option<Vec<String>> {
+        let protocol = self.facts.get("protocol")?.clone();
+        let counts = ["decoded", "unknown", "invalid"].map(|key| self.number(key));
+        Some([self.name.clone(), protocol].into_iter().chain(counts).collect())
+    }
+
     fn row(&self) -> Vec<String> {
         let fact = |key: &str| self.facts.get(key).cloned().unwrap_or_else(|| "-".to_owned());
-        let number = |key: &str| {
-            let count = self.totals.get(key).and_then(|text| text.parse().ok());
-            count.map_or("?".to_owned(), grouped)
-        };
+        let number = |key: &str| self.number(key);
         let mut bitrate = fact("bitrate");
         if let Some(data) = self.facts.get("data_bitrate") {
             bitrate = format!("{bitrate}/{data}");

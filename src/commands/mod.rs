@@ -2,14 +2,21 @@
 
 mod cat;
 mod convert;
+mod decode;
+mod definitions;
 mod demo;
 mod explain;
 mod info;
+mod keep;
 mod output;
 mod ports;
 mod protocols;
 mod record;
+mod recover;
 mod replay;
+mod retime;
+mod rewrite;
+mod simulate;
 mod status;
 
 use std::process::ExitCode;
@@ -17,6 +24,7 @@ use std::process::ExitCode;
 use clap::Parser as _;
 
 use crate::cli::{Cli, Command};
+use crate::permit::Refused;
 
 /// How a command ended, when it did not fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,11 +40,6 @@ pub enum Ended {
 #[error("{0}")]
 pub struct UsageError(pub String);
 
-/// Would transmit on a real bus, and was not told to: exit status 4.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-pub struct Refused(pub String);
-
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
     let result = match Cli::parse().command {
@@ -45,10 +48,15 @@ pub fn main() -> ExitCode {
         Command::Cat(args) => cat::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Replay(args) => replay::run(&args),
+        Command::Recover(args) => recover::run(&args),
+        Command::Keep(args) => keep::run(&args),
+        Command::Retime(args) => retime::run(&args),
+        Command::Decode(args) => decode::run(&args),
         Command::Ports(args) => ports::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Explain(args) => explain::run(&args),
         Command::Protocols(args) => protocols::run(&args),
+        Command::Simulate(args) => simulate::run(&args),
     };
     match result {
         Ok(Ended::Well) => ExitCode::SUCCESS,
@@ -56,11 +64,18 @@ pub fn main() -> ExitCode {
         Err(error) if output::is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             output::error(&format!("{error:#}"));
-            ExitCode::from(match () {
-                () if error.is::<UsageError>() => 2,
-                () if error.is::<Refused>() => 4,
-                () => 1,
-            })
+            ExitCode::from(status(&error))
         }
+    }
+}
+
+/// The exit status of a command that failed.
+fn status(error: &anyhow::Error) -> u8 {
+    if error.is::<UsageError>() {
+        2
+    } else if error.is::<Refused>() {
+        4
+    } else {
+        1
     }
 }

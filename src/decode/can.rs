@@ -33,6 +33,8 @@ impl Check {
 /// The message that a frame carries.
 #[derive(Clone, Copy, Debug)]
 pub struct Match<'a> {
+    /// Its place in [`Database::messages`].
+    pub index: usize,
     /// What the database says about it.
     pub message: &'a Message,
     /// The length of the frame.
@@ -98,6 +100,17 @@ impl CanDecoder {
         &self.database
     }
 
+    /// For each message whether it is recognised by its parameter group number.
+    pub(super) fn grouped(&self) -> Vec<bool> {
+        let mut grouped = vec![false; self.database.messages.len()];
+        for (_, index) in &self.groups {
+            if let Some(is) = grouped.get_mut(*index as usize) {
+                *is = true;
+            }
+        }
+        grouped
+    }
+
     /// The message that `frame` carries. Remote and error frames carry none.
     pub fn find(&self, frame: &CanFrame) -> Option<Match<'_>> {
         self.as_message(self.identify(frame)?, frame)
@@ -122,7 +135,7 @@ impl CanDecoder {
         let message = self.database.messages.get(found.index)?;
         let plan = self.plans.get(found.index)?;
         let check = check(message, frame);
-        Some(Match { message, check, j1939: found.j1939, plan })
+        Some(Match { index: found.index, message, check, j1939: found.j1939, plan })
     }
 
     /// By number and source address, else by number: databases give messages the address 0xFE

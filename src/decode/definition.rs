@@ -5,7 +5,7 @@ use super::assembly::Assembly;
 use super::can::CanDecoder;
 use super::context::Meaning;
 use super::dbc::{Database, Message};
-use crate::frame::{CanFlags, CanFrame};
+use crate::frame::{CanFlags, CanFrame, Level};
 
 /// A CAN protocol, ready to decode with.
 #[derive(Debug)]
@@ -19,6 +19,17 @@ pub struct CanDefinition {
     pub(super) answers: Vec<AnswerRule>,
     /// By message: whether a rule is about it.
     pub(super) ruled: Vec<bool>,
+    /// Events, by message, sorted.
+    pub(super) events: Vec<(usize, Event)>,
+}
+
+/// A message that is an event: something a person should read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Event {
+    /// How much it matters.
+    pub level: Level,
+    /// What the sentence begins with; the message's name if not said.
+    pub text: Option<String>,
 }
 
 /// A message that is a remote frame: asks for something, carries no data.
@@ -48,6 +59,7 @@ impl CanDefinition {
             meanings: Vec::new(),
             assemblies: Vec::new(),
             answers: Vec::new(),
+            events: Vec::new(),
         }
     }
 
@@ -69,6 +81,21 @@ impl CanDefinition {
     /// Every message that a data frame can be.
     pub fn messages(&self) -> &[Message] {
         &self.database().messages
+    }
+
+    /// For each of them whether it is recognised as J1939, so that its frames have addresses.
+    pub fn grouped(&self) -> Vec<bool> {
+        self.decoder.grouped()
+    }
+
+    /// The event that message number `index` is, if it is one.
+    #[inline]
+    pub fn event(&self, index: usize) -> Option<&Event> {
+        if self.events.is_empty() {
+            return None;
+        }
+        let at = self.events.binary_search_by_key(&index, |(message, _)| *message).ok()?;
+        self.events.get(at).map(|(_, event)| event)
     }
 
     /// Every message that a remote frame can be.

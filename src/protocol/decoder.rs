@@ -51,6 +51,18 @@ impl Decoder {
         });
     }
 
+    /// Says that it is `time` and nothing from before it will come any more; where silence ends
+    /// frames, they may end now.
+    pub fn pass(&mut self, time: Timestamp, take: &mut dyn FnMut(Item)) {
+        let (protocol, pairing) = (&*self.protocol, &mut self.pairing);
+        for (direction, deframer) in [(Direction::Tx, &mut self.tx), (Direction::Rx, &mut self.rx)]
+        {
+            deframer.pass(time, &mut |time, cut| {
+                take(protocol.item(pairing, direction, time, cut));
+            });
+        }
+    }
+
     /// Says that the input has ended, or that something was lost here: open frames end, requests
     /// are forgotten.
     pub fn finish(&mut self, take: &mut dyn FnMut(Item)) {

@@ -34,7 +34,7 @@ use condition::Condition;
 use definition::{Carries, compile};
 use framing::Framing;
 use pairing::PairingRules;
-use word::Block;
+use word::{Block, Quantity};
 
 use crate::frame::Direction;
 
@@ -113,6 +113,16 @@ impl Protocol {
     /// Compiles a definition; `file` is its name in error messages.
     pub fn parse(file: &str, text: &str, settings: Settings) -> Result<Self, DefinitionError> {
         compile::protocol(text, settings).map_err(|fault| fault.in_file(file, text))
+    }
+
+    /// The numbers in the header of a frame.
+    pub fn header(&self) -> &[Arc<Quantity>] {
+        &self.framing.layout.header.quantities
+    }
+
+    /// The numbers in front of the data of a response.
+    pub fn status(&self) -> &[Arc<Quantity>] {
+        self.response.as_ref().map_or(&[], |rules| &rules.prefix.quantities)
     }
 
     /// A protocol that comes with the program; `None` if there is none of that name.

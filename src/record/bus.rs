@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use super::tally::{REASONS, Tally, Totals, reason_name, unit_name};
 use crate::capture::BusFacts;
+use crate::channels::Stream;
 use crate::frame::{GapReason, Unit};
 use crate::recording::definition::Facts;
 use crate::recording::schema::bustape::BusStats;
@@ -18,6 +19,8 @@ pub struct RecordedBus {
     pub facts: BusFacts,
     /// Its books.
     pub tally: Arc<Tally>,
+    /// Its decoded channels, if it is decoded.
+    pub stream: Option<Stream>,
 }
 
 impl RecordedBus {
@@ -30,6 +33,9 @@ impl RecordedBus {
             if let Some(rate) = rate {
                 facts.insert(name.to_owned(), rate.to_string());
             }
+        }
+        if let Some(stream) = &self.stream {
+            facts.extend(stream.facts().clone());
         }
         (self.name.clone(), facts)
     }
@@ -71,6 +77,9 @@ pub fn summary(reason: &str, buses: &[RecordedBus], segment_counts: &[u64]) -> F
                 let key = format!("dropped.{}", reason_name(reason));
                 put(&key, totals.lost_to(reason).to_string());
             }
+        }
+        if let Some(stream) = &bus.stream {
+            stream.sum_up(&mut facts);
         }
     }
     facts

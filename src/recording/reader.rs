@@ -1,11 +1,12 @@
 //! A recording, opened for reading: one or many segment files as one row of frames in time order.
 
 use std::ops::RangeInclusive;
-use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
 use mcap::records::op;
 
+use super::disk::is_same;
+use super::limits::MAX_CHUNK_FRAMES;
 use super::records::{ChunkRef, Message, Record, channel_bit, records};
 use super::segment::{Ending, ReadError, Segment};
 use super::{can_batch, can_frame, message};
@@ -82,11 +83,28 @@ impl Recording {
         range: RangeInclusive<Timestamp>,
         wanted: impl Fn(&str) -> bool,
     ) -> Entries<'_> {
+        self.read(range, |segment| self.kinds(segment, &wanted))
+    }
+
+    /// Every message as it stands in the file, in time order: frames as [`Entry::Message`], too.
+    /// [`Carriers::frames`] tells what is in one.
+    pub fn messages(&self) -> Entries<'_> {
+        let other = |kind| if let Kind::Unwanted = kind { kind } else { Kind::Other };
+        self.read(Self::ALL, |segment| {
+            self.kinds(segment, |_| true).into_iter().map(other).collect()
+        })
+    }
+
+    fn read(
+        &self,
+        range: RangeInclusive<Timestamp>,
+        kinds_of: impl Fn(&Segment) -> Vec<Kind>,
+    ) -> Entries<'_> {
         let (from, to) = (range.start().nanos(), range.end().nanos());
         let mut chunks = Vec::new();
         let mut kinds = Vec::new();
         for (index, segment) in self.segments.iter().enumerate() {
-            let of_segment = self.kinds(segment, &wanted);
+            let of_segment = kinds_of(segment);
             let ids = (0u16..).zip(&of_segment).filter(|(_, kind)| !matches!(kind, Kind::Unwanted));
             let mask = ids.fold(0, |mask, (id, _)| mask | channel_bit(id));
             let batch = segment.fact("bustape.recording", "batch_max_ns");
@@ -103,6 +121,11 @@ impl Recording {
         chunks.reverse();
         let (ready, records) = (Vec::new(), Vec::new());
         Entries { recording: self, range, chunks, kinds, ready, records, damage: Vec::new() }
+    }
+
+    /// For each segment what its channels carry, for [`Carriers::frames`].
+    pub fn carriers(&self) -> Carriers {
+        Carriers(self.segments.iter().map(|segment| self.kinds(segment, |_| true)).collect())
     }
 
     /// What each channel of a segment carries, by channel id.
@@ -131,6 +154,54 @@ impl Recording {
     /// The segments that were not finished.
     pub fn unfinished(&self) -> impl Iterator<Item = &Segment> {
         self.segments.iter().filter(|segment| segment.ending != Ending::Finished)
+    }
+}
+
+/// What every channel of a recording carries; see [`Recording::carriers`].
+pub struct Carriers(Vec<Vec<Kind>>);
+
+impl Carriers {
+    /// The bus whose frames are on a channel: its index in [`Recording::buses`].
+    pub fn bus(&self, segment: usize, channel: u16) -> Option<usize> {
+        match self.kind(segment, channel) {
+            Kind::CanFrame(bus) | Kind::CanBatch(bus) | Kind::Serial(bus) | Kind::Gap(bus) => {
+                Some(bus)
+            }
+            Kind::Other | Kind::Unwanted => None,
+        }
+    }
+
+    /// Puts the frames in a message of that channel into `frames`; false when it is not understood.
+    pub fn frames(
+        &self,
+        (segment, channel): (usize, u16),
+        time: Timestamp,
+        data: &[u8],
+        frames: &mut Vec<Stamped<Frame>>,
+    ) -> bool {
+        let frame = match self.kind(segment, channel) {
+            Kind::CanBatch(_) => {
+                let batch = can_batch::decode(time, data);
+                let known = batch.is_some();
+                let batch = batch.into_iter().flatten();
+                frames.extend(
+                    batch.map(|can| Stamped { time: can.time, value: Frame::Can(can.value) }),
+                );
+                return known;
+            }
+            Kind::CanFrame(_) => can_frame::decode(data).map(Frame::Can),
+            Kind::Serial(_) => message::decode_serial(data).map(Frame::Serial),
+            Kind::Gap(_) => message::decode_gap(data).map(Frame::Gap),
+            Kind::Other | Kind::Unwanted => None,
+        };
+        let known = frame.is_some();
+        frames.extend(frame.map(|value| Stamped { time, value }));
+        known
+    }
+
+    fn kind(&self, segment: usize, channel: u16) -> Kind {
+        let kinds = self.0.get(segment);
+        kinds.and_then(|kinds| kinds.get(usize::from(channel))).copied().unwrap_or(Kind::Unwanted)
     }
 }
 
@@ -192,12 +263,10 @@ impl Entries<'_> {
         let (mut consumed, before) = (0, self.ready.len());
         for Record { opcode, body } in records(bytes) {
             consumed += super::records::HEAD + body.len();
-            if self.ready.len() - before > can_batch::MAX_IN_CHUNK {
+            if self.ready.len() - before > MAX_CHUNK_FRAMES {
                 let path = self.recording.segments[segment].path.display();
                 self.damage.push(format!(
-                    "{path}: a chunk with more than {} frames: the rest is passed over",
-                    can_batch::MAX_IN_CHUNK
-                ));
+                    "{path}: a chunk with more than {MAX_CHUNK_FRAMES} frames: the rest is passed over"));
                 consumed = bytes.len();
                 break;
             }
@@ -279,7 +348,8 @@ fn bus_names(segment: &Segment) -> Vec<String> {
     names
 }
 
-fn files_of(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
+/// The recordings that a path stands for: itself, or those in a folder, by name.
+pub fn files_of(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
     if !path.is_dir() {
         return Ok(vec![path.to_owned()]);
     }
@@ -307,10 +377,4 @@ fn files_of(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
 
 fn ends_with_part(file: &Path) -> bool {
     file.extension().is_some_and(|extension| extension == "part")
-}
-
-/// True if both names lead to one file.
-fn is_same(file: &Path, other: &Path) -> bool {
-    let identity = |path: &Path| path.metadata().ok().map(|about| (about.dev(), about.ino()));
-    identity(file).is_some_and(|found| Some(found) == identity(other))
 }

@@ -44,6 +44,10 @@ schema!(
     SERIAL_BYTES, "bustape.SerialBytes"
 );
 schema!(
+    /// What was found on a serial line by its protocol.
+    SERIAL_FRAME, "bustape.SerialFrame"
+);
+schema!(
     /// Something that was lost.
     GAP, "bustape.Gap"
 );

@@ -7,8 +7,12 @@
 
 /// Wire type of a varint field.
 pub const VARINT: u32 = 0;
+/// Wire type of 8 bytes, the lowest first.
+pub const FIXED64: u32 = 1;
 /// Wire type of a length-delimited field.
 pub const BYTES: u32 = 2;
+/// Wire type of 4 bytes, the lowest first.
+pub const FIXED32: u32 = 5;
 
 /// Appends `value` as a varint, 1 to 10 bytes.
 pub fn put_varint(out: &mut Vec<u8>, mut value: u64) {

@@ -5,15 +5,19 @@
 
 use std::io;
 
-use super::can_batch::{self, BatchBuilder};
+use super::can_batch::BatchBuilder;
 use super::chunk::Chunk;
 use super::container::Container;
 use super::definition::{Attachment, ChannelDefinition, Facts, SchemaDefinition};
 use super::disk::OutputFile;
+use super::limits::MAX_CHUNK_FRAMES;
 use super::schema::{self, Schema, bustape};
 use super::{can_frame, message, wire};
 use crate::frame::{CanFrame, Frame, Gap, Notice, SerialBytes, Stamped, Timestamp};
 use crate::record::weight;
+
+/// Where events stand: marks and triggers.
+pub const EVENT_TOPIC: &str = "/bustape/event";
 
 /// How CAN frames stand in the file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -91,6 +95,7 @@ pub struct SegmentWriter {
     /// When the oldest message of the open chunk was added, by the caller's reckoning.
     span: Option<(Timestamp, Timestamp)>,
     frames: bool,
+    events: bool,
 }
 
 /// One bus's channels, and what of it is in the open chunk.
@@ -139,6 +144,7 @@ impl SegmentWriter {
             clock: None,
             span: None,
             frames: false,
+            events: false,
         })
     }
 
@@ -273,6 +279,7 @@ impl SegmentWriter {
 
     /// Defines any other channel, for [`SegmentWriter::add_raw`].
     pub fn define(&mut self, definition: ChannelDefinition<'_>) -> io::Result<u16> {
+        self.events |= definition.topic == EVENT_TOPIC;
         self.container.channel(&mut self.chunk, definition)
     }
 
@@ -282,6 +289,32 @@ impl SegmentWriter {
         out.extend_from_slice(data);
         self.chunk.end(open);
         self.note(time);
+    }
+
+    /// Adds a message of a channel defined before; `write` appends its payload. It was known at
+    /// `now`, which may be later than its own time.
+    #[inline]
+    pub fn add_with(
+        &mut self,
+        channel: u16,
+        time: Timestamp,
+        now: Timestamp,
+        write: impl FnOnce(&mut Vec<u8>),
+    ) {
+        let (open, out) = self.chunk.begin(channel, time);
+        write(out);
+        self.chunk.end(open);
+        self.note(now);
+    }
+
+    /// Takes back a message whose `write` has panicked.
+    pub fn abandon(&mut self) {
+        self.chunk.abandon();
+    }
+
+    /// How many channels the file has so far.
+    pub fn channels(&self) -> usize {
+        self.container.channels()
     }
 
     fn note(&mut self, time: Timestamp) {
@@ -303,7 +336,7 @@ impl SegmentWriter {
     /// True when the open chunk has grown to its size, or holds as many frames as a reader takes.
     pub fn is_full(&self) -> bool {
         let frames = || self.buses.iter().map(|bus| bus.batched).sum::<usize>();
-        self.chunk.len() >= self.options.chunk_bytes || frames() >= can_batch::MAX_IN_CHUNK / 2
+        self.chunk.len() >= self.options.chunk_bytes || frames() >= MAX_CHUNK_FRAMES / 2
     }
 
     /// Times of the earliest and latest thing that is not in the file yet.
@@ -348,6 +381,18 @@ impl SegmentWriter {
     /// Bytes in the file so far.
     pub fn position(&self) -> u64 {
         self.container.position()
+    }
+
+    /// True once there is an event in this segment.
+    pub fn holds_event(&self) -> bool {
+        self.events
+    }
+
+    /// About as many bytes as writing the open chunk and the end of the file would take at most.
+    pub fn bytes_to_come(&self) -> u64 {
+        let batched: usize = self.buses.iter().map(|bus| bus.batch.len()).sum();
+        let frames = batched * size_of::<CanFrame>();
+        (self.chunk.len() + frames) as u64 + self.container.tail()
     }
 
     /// Bytes in the file, and about as many as the open chunk will add.

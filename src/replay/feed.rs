@@ -122,7 +122,7 @@ impl Feed {
     }
 
     /// When the next item is due. Does not wait.
-    pub fn next(&mut self) -> Next {
+    pub fn look(&mut self) -> Next {
         loop {
             if let Some(item) = self.items.peek() {
                 return Next::At(item.media);
@@ -261,7 +261,7 @@ impl<'a> Reader<'a> {
         let mut entries = recording.entries(from..=*self.plan.range.end(), wanted);
         let mut before: Option<(Timestamp, u64)> = None;
         let mut passed = 0;
-        while let Some(entry) = entries.next() {
+        for entry in entries.by_ref() {
             let Entry::Frame(bus, mut frame) = entry.value else { continue };
             let Some(number) = self.numbers.get(bus).copied().flatten() else { continue };
             if let Err(why) = self.plan.buses[number].selection.take(&mut frame) {

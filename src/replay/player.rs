@@ -237,7 +237,7 @@ impl Player<'_, '_, '_> {
 
     /// Waits for the first frame, so that the clock starts when it is there.
     fn begin(&mut self) -> Result<(), ReplayError> {
-        while self.ending.is_none() && self.feed.next() == Next::NotYet {
+        while self.ending.is_none() && self.feed.look() == Next::NotYet {
             self.feed.wait(READER_PATIENCE);
             self.wait(Some(0))?;
         }
@@ -262,7 +262,7 @@ impl Player<'_, '_, '_> {
                 self.ended = true;
                 return None;
             }
-            let media = match self.feed.next() {
+            let media = match self.feed.look() {
                 Next::At(media) => media,
                 Next::NotYet => {
                     self.starved = true;

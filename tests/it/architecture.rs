@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// For each part what it may use: all that there is to know about where a change can have effects.
-const ARROWS: [(&str, &[&str]); 16] = [
+const ARROWS: &[(&str, &[&str])] = &[
     ("frame", &[]),
     ("clock", &["frame"]),
     ("text", &["frame"]),
@@ -13,25 +13,34 @@ const ARROWS: [(&str, &[&str]); 16] = [
     // Capture never touches the disk.
     ("capture", &["frame", "clock", "sys", "record"]),
     ("recording", &["frame", "record"]),
-    ("record", &["frame", "clock", "text", "recording", "capture"]),
+    ("record", &["frame", "clock", "text", "recording", "capture", "channels"]),
     ("simulate", &["frame", "clock", "sys", "capture", "record"]),
     // What frames mean: no files, no buses.
     // Fields of messages of several frames are written as those of serial lines.
     ("decode", &["frame", "protocol"]),
     ("protocol", &["frame"]),
+    // What frames mean, as messages of a recording.
+    ("channels", &["frame", "decode", "protocol", "recording"]),
     ("address", &["capture", "simulate"]),
     // Sends what was recorded: with the addresses, ports and codecs that capture has.
-    ("replay", &["frame", "clock", "text", "sys", "capture", "recording", "decode", "protocol"]),
-    ("cli", &["text", "recording", "replay"]),
+    (
+        "replay",
+        &["frame", "clock", "text", "sys", "permit", "capture", "recording", "decode", "protocol"],
+    ),
+    // Where something may be sent.
+    ("permit", &["sys"]),
+    ("cli", &["text", "record", "recording", "replay", "simulate"]),
     (
         "commands",
         &[
             "address",
             "capture",
+            "channels",
             "cli",
             "clock",
             "decode",
             "frame",
+            "permit",
             "protocol",
             "record",
             "recording",

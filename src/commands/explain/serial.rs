@@ -11,19 +11,36 @@ use crate::decode::rules;
 use crate::frame::{Direction, Timestamp};
 use crate::protocol::message::Message;
 use crate::protocol::payload::{Field, Value};
-use crate::protocol::{Decoder, Item, ItemKind, Protocol, Settings, json};
+use crate::protocol::{BUILT_IN, Decoder, Item, ItemKind, Protocol, Settings, json};
 use crate::text::printable;
+
+/// A protocol, and what it was made of.
+pub struct SerialFiles {
+    /// What bytes mean.
+    pub protocol: Protocol,
+    /// The file of the definition; `None` for those that come with the program.
+    pub file: Option<String>,
+    /// The definition.
+    pub text: String,
+}
 
 /// Loads `zhongheng-09[:byte_order=little]` or a definition file `FILE.toml[:...]`; `None` when
 /// `text` names no serial protocol, or a file that is about CAN.
 pub fn load(text: &str) -> Result<Option<Protocol>> {
+    Ok(load_files(text)?.map(|loaded| loaded.protocol))
+}
+
+/// The same, with the definition itself.
+pub fn load_files(text: &str) -> Result<Option<SerialFiles>> {
     let (name, settings) = match text.rsplit_once(':') {
         Some((name, settings)) if settings.contains('=') => (name, settings),
         _ => (text, ""),
     };
     let settings = Settings::parse(settings).map_err(|why| anyhow!(why))?;
     if let Some(protocol) = Protocol::built_in(name, settings) {
-        return Ok(Some(protocol?));
+        let built_in = BUILT_IN.iter().find(|(known, _)| *known == name);
+        let text = built_in.map_or("", |(_, text)| text).to_owned();
+        return Ok(Some(SerialFiles { protocol: protocol?, file: None, text }));
     }
     if Path::new(name).extension().is_none_or(|extension| extension != "toml") {
         return Ok(None);
@@ -32,7 +49,8 @@ pub fn load(text: &str) -> Result<Option<Protocol>> {
     if rules::is_can(&definition) {
         return Ok(None);
     }
-    Ok(Some(Protocol::parse(name, &definition, settings)?))
+    let protocol = Protocol::parse(name, &definition, settings)?;
+    Ok(Some(SerialFiles { protocol, file: Some(name.to_owned()), text: definition }))
 }
 
 /// Bytes from hexadecimal digits; blanks, colons, commas and `0x` between them do not matter.

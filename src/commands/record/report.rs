@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 use serde_json::json;
 
 use super::Recorded;
-use crate::commands::{Ended, output};
+use crate::commands::{Ended, definitions, output};
 use crate::record::{REASONS, Totals, reason_name, unit_name};
 use crate::text::{grouped, printable, printable_json, size};
 
@@ -25,7 +25,11 @@ pub fn report(recorded: &Recorded, as_json: bool) -> Result<Ended> {
     if !recorded.errors.is_empty() {
         return Ok(Ended::WithLoss);
     }
-    let complete = recorded.outcome.totals.iter().all(Totals::complete);
+    if recorded.outcome.full {
+        return Ok(Ended::WithLoss);
+    }
+    let stopped = recorded.outcome.streams.iter().any(|stream| stream.stopped().is_some());
+    let complete = recorded.outcome.totals.iter().all(Totals::complete) && !stopped;
     Ok(if complete { Ended::Well } else { Ended::WithLoss })
 }
 
@@ -51,6 +55,9 @@ fn report_text(out: &mut impl std::io::Write, recorded: &Recorded) -> Result<()>
             write!(out, "; away {} times, for which nobody knows the number", totals.outages)?;
         }
         writeln!(out)?;
+    }
+    for stream in &recorded.outcome.streams {
+        writeln!(out, "{}", printable(&definitions::sentence(stream)))?;
     }
     for file in recorded.files() {
         let bytes = std::fs::metadata(file).map_or(0, |m| m.len());
@@ -80,6 +87,7 @@ fn report_json(recorded: &Recorded) -> serde_json::Value {
     json!({
         "reason": recorded.reason,
         "buses": buses.collect::<Vec<_>>(),
+        "decoded": recorded.outcome.streams.iter().map(definitions::as_json).collect::<Vec<_>>(),
         "files": recorded.files(),
         "errors": recorded.errors,
     })

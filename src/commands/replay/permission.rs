@@ -6,7 +6,7 @@ use anyhow::{Result, bail};
 
 use super::{any_real, usage};
 use crate::cli::replay::ReplayArgs;
-use crate::commands::Refused;
+use crate::permit::Refused;
 use crate::replay::permit::{Permit, Reach, grant};
 
 /// The permit to send to all targets, or the reason why nothing is sent.

@@ -32,7 +32,7 @@ pub fn show(
         let mut feed = Feed::start(scope, recording, &once, Place { from, lap: 0, media: 0 });
         let mut left = args.count.unwrap_or(u64::MAX);
         loop {
-            match feed.next() {
+            match feed.look() {
                 Next::End => break,
                 Next::NotYet => feed.wait(Duration::from_secs(1)),
                 Next::At(_) => {

@@ -1,17 +1,18 @@
 //! Joins rules to their database.
 
-use std::collections::HashSet;
+use std::collections::{BTreeMap, HashMap, HashSet};
 use std::ops::Range;
 
 use toml::Spanned;
 
-use super::forms::{ContextForm, RemoteForm, Rules, RulesForm};
+use super::forms::{ContextForm, LevelForm, RemoteForm, Rules, RulesForm};
 use super::{answers, assemblies};
 use crate::decode::assembly::Assembly;
 use crate::decode::can::{CanDecoder, key};
 use crate::decode::context::{After, Meaning, Seen};
 use crate::decode::dbc::{Database, Format};
-use crate::decode::definition::{CanDefinition, RemoteMessage};
+use crate::decode::definition::{CanDefinition, Event, RemoteMessage};
+use crate::frame::Level;
 use crate::protocol::DefinitionError;
 use crate::protocol::definition::OneOrMany;
 use crate::protocol::definition::values::name;
@@ -33,7 +34,13 @@ impl Rules {
 }
 
 fn join(mut form: RulesForm, mut database: Database) -> Result<CanDefinition, Fault> {
-    let kinds = [form.remote.len(), form.context.len(), form.assembly.len(), form.answer.len()];
+    let kinds = [
+        form.remote.len(),
+        form.context.len(),
+        form.assembly.len(),
+        form.answer.len(),
+        form.log.len(),
+    ];
     for count in kinds {
         if count > MOST {
             let text = format!("{count} rules of a kind; expected {MOST} at most");
@@ -54,6 +61,7 @@ fn join(mut form: RulesForm, mut database: Database) -> Result<CanDefinition, Fa
     let meanings = meanings.collect::<Result<Vec<_>, _>>()?;
     let answers = answers::compile(&form, &database, &remotes)?;
     let assemblies = assemblies::compile(&mut form, &database, &mut names)?;
+    let events = events(&form, &database)?;
     let ruled = ruled(&form, &database, &meanings, &assemblies);
     Ok(CanDefinition {
         name: form.name,
@@ -64,7 +72,30 @@ fn join(mut form: RulesForm, mut database: Database) -> Result<CanDefinition, Fa
         assemblies,
         answers,
         ruled,
+        events,
     })
+}
+
+/// `[[log]]`: by message, sorted; the first rule about a message counts.
+fn events(form: &RulesForm, database: &Database) -> Result<Vec<(usize, Event)>, Fault> {
+    let messages = database.messages.iter().map(|m| m.name.as_str()).zip(0..);
+    let places: HashMap<&str, usize> = messages.collect();
+    let mut events = BTreeMap::new();
+    for log in form.log.iter().map(Spanned::get_ref) {
+        let level = match log.level {
+            LevelForm::Info => Level::Info,
+            LevelForm::Warning => Level::Warning,
+            LevelForm::Error => Level::Error,
+        };
+        for name in log.messages.get_ref() {
+            let Some(&index) = places.get(name.as_str()) else {
+                let text = format!("there is no message \"{name}\"; expected one of the database");
+                return Err(Fault::at(log.messages.span(), text));
+            };
+            events.entry(index).or_insert(Event { level, text: log.text.clone() });
+        }
+    }
+    Ok(events.into_iter().collect())
 }
 
 /// By message: whether a rule is about its frames.

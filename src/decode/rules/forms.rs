@@ -14,7 +14,7 @@ use crate::protocol::error::Fault;
 /// Whether the text of a TOML file is about CAN: it names a database, or has tables that only
 /// protocols for CAN have.
 pub fn is_can(text: &str) -> bool {
-    let keys = ["dbc", "remote", "context", "assembly", "answer"];
+    let keys = ["dbc", "remote", "context", "assembly", "answer", "log"];
     let table = text.parse::<toml::Table>();
     table.is_ok_and(|table| keys.iter().any(|key| table.contains_key(*key)))
 }
@@ -75,6 +75,8 @@ pub struct RulesForm {
     #[serde(default)]
     pub answer: Vec<Spanned<AnswerForm>>,
     #[serde(default)]
+    pub log: Vec<Spanned<LogForm>>,
+    #[serde(default)]
     pub values: BTreeMap<String, Spanned<Table>>,
     #[serde(default)]
     pub flags: BTreeMap<String, Spanned<Table>>,
@@ -120,6 +122,26 @@ pub struct ContextForm {
 pub struct AmongForm {
     pub id: u32,
     pub mask: u32,
+}
+
+/// `[[log]]`: messages that are events, for the log of a recording.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LogForm {
+    pub messages: Spanned<Vec<String>>,
+    #[serde(default)]
+    pub level: LevelForm,
+    pub text: Option<String>,
+}
+
+/// How much an event matters.
+#[derive(Clone, Copy, Debug, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum LevelForm {
+    #[default]
+    Info,
+    Warning,
+    Error,
 }
 
 /// `[[assembly]]`: a message of several frames.

@@ -186,7 +186,7 @@ fn describe(frame: &FrameItem) -> String {
     match &frame.message {
         Some(Message::Request(request)) => {
             let asked = &request.asked;
-            words.extend(asked.operation.iter().map(|operation| operation.to_string()));
+            words.extend(asked.operation.iter().map(ToString::to_string));
             match (&asked.command, &asked.id) {
                 (Some(command), _) => words.push(command.name.to_string()),
                 (None, Some(id)) => words.push(id.quantity.hex(id.value)),
@@ -195,7 +195,7 @@ fn describe(frame: &FrameItem) -> String {
         }
         Some(Message::Link { kind: Some(kind) }) => {
             let number = kind.value.to_string();
-            words.push(kind.label().map_or(number, |label| label.to_string()));
+            words.push(kind.label().map_or(number, ToString::to_string));
         }
         _ => {}
     }

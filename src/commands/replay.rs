@@ -35,7 +35,7 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
     let reaches = plan.reaches()?;
     if args.dry_run {
         plan.check_fd(&recording, &reaches)?;
-        return preview::show(args, &plan, &recording, &reaches);
+        return Ok(preview::show(args, &plan, &recording, &reaches));
     }
     let permit = permission::permit(args, &reaches)?;
     permission::confirm(args, &reaches)?;

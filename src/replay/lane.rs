@@ -180,7 +180,7 @@ impl Lane {
                 Frame::Gap(_) | Frame::Notice(_) => 0,
             };
             if let Some(witness) = &self.witness {
-                witness.expect(measured.map(|_| at), item.frame.clone());
+                witness.note(measured.map(|_| at), item.frame.clone());
             }
             if let Some(now) = measured {
                 tally.lateness.add(now.saturating_sub(at));

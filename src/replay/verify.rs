@@ -109,7 +109,7 @@ impl Witness {
     }
 
     /// This was sent.
-    pub fn expect(&self, due: Option<u64>, frame: Frame) {
+    pub fn note(&self, due: Option<u64>, frame: Frame) {
         // The thread takes everything as long as it lives; its end is seen in `finish`.
         let _ = self.sent.send(Sent { due, frame });
     }

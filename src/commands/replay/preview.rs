@@ -2,7 +2,6 @@
 
 use std::time::Duration;
 
-use anyhow::Result;
 use serde_json::json;
 
 use super::omitted_text;
@@ -17,12 +16,7 @@ use crate::replay::tally::Tally;
 use crate::text::{grouped, rfc3339_millis};
 
 /// Reads what would be played, once, and says how much it is.
-pub fn show(
-    args: &ReplayArgs,
-    plan: &Plan,
-    recording: &Recording,
-    reaches: &[Reach],
-) -> Result<Ended> {
+pub fn show(args: &ReplayArgs, plan: &Plan, recording: &Recording, reaches: &[Reach]) -> Ended {
     let once = FeedPlan { laps: Some(1), ..plan.feed.clone() };
     let mut tallies = vec![Tally::default(); plan.lane_of.len()];
     let mut span: Option<(Timestamp, Timestamp)> = None;
@@ -71,7 +65,7 @@ pub fn show(
     }
     super::say_intact(recording);
     let damaged = !damage.is_empty() || recording.unfinished().any(info::is_damaged);
-    Ok(if damaged { Ended::WithLoss } else { Ended::Well })
+    if damaged { Ended::WithLoss } else { Ended::Well }
 }
 
 fn print_table(

@@ -4,8 +4,8 @@ use std::ffi::OsString;
 
 use crate::support::process::{args, bustape};
 
-const COMMANDS: [&str; 9] =
-    ["record", "info", "cat", "convert", "recover", "retime", "keep", "ports", "demo"];
+const COMMANDS: [&str; 10] =
+    ["record", "info", "cat", "convert", "replay", "recover", "retime", "keep", "ports", "demo"];
 
 #[test]
 fn wrong_usage_is_refused_with_a_sentence_and_leaves_nothing() {

@@ -79,7 +79,7 @@ pub struct ReplayArgs {
     #[arg(long, value_name = "TIME", conflicts_with = "duration")]
     pub end: Option<String>,
 
-    /// Only so much recorded time, e.g. 10s
+    /// Only so much recorded time, e.g. 500ms, 10s [default: to the end]
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     pub duration: Option<Duration>,
 
@@ -88,6 +88,7 @@ pub struct ReplayArgs {
     pub laps: Laps,
 
     /// Stop after so many frames of all buses together (a serial piece counts as one)
+    /// [default: no limit]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     pub count: Option<u64>,
 
@@ -96,6 +97,7 @@ pub struct ReplayArgs {
     pub filters: Vec<String>,
 
     /// Only CAN frames of this message, by its name in the database of its bus (see --decode)
+    /// [default: all]
     #[arg(long = "message", value_name = "[BUS:]NAME")]
     pub messages: Vec<String>,
 
@@ -105,16 +107,17 @@ pub struct ReplayArgs {
     pub decode: Vec<String>,
 
     /// Only what the recording host received (rx), or what it sent (tx); of a serial line what the
-    /// device said (rx), or the host (tx)
+    /// device said (rx), or the host (tx) [default: both]
     #[arg(long, value_name = "[BUS:]rx|tx")]
     pub only: Vec<String>,
 
-    /// Shorten longer pauses to this
+    /// Shorten longer pauses to this, e.g. 500ms [default: none]
     #[arg(long, value_name = "TIME", value_parser = parse_duration)]
     pub max_gap: Option<Duration>,
 
     /// Send frames of this identifier or message under another identifier (8 digits: 29 bits):
     /// can0:123=456; or show a bus under another name in trace: output: can0=battery
+    /// [default: as recorded]
     #[arg(long, value_name = "BUS:OLD=NEW")]
     pub remap: Vec<String>,
 
@@ -132,11 +135,11 @@ pub struct ReplayArgs {
     #[arg(long)]
     pub paused: bool,
 
-    /// Take commands from this FIFO, or stdin for "-", see below
+    /// Take commands from this FIFO, or stdin for "-", see below [default: keys of the terminal]
     #[arg(long, value_name = "FIFO|-")]
     pub control: Option<PathBuf>,
 
-    /// Send on this real interface, adapter or port: its name as in --to
+    /// Send on this real interface, adapter or port: its name as in --to [default: none]
     #[arg(long, value_name = "NAME")]
     pub transmit_on: Vec<String>,
 
@@ -153,7 +156,7 @@ pub struct ReplayArgs {
     #[arg(long, conflicts_with_all = ["answer", "dry_run"])]
     pub verify: bool,
 
-    /// Do not play this bus, but answer on its target as the recorded device did
+    /// Do not play this bus, but answer on its target as the recorded device did [default: none]
     #[arg(long, value_name = "BUS")]
     pub answer: Vec<String>,
 

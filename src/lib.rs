@@ -25,6 +25,7 @@ pub mod permit;
 pub mod protocol;
 pub mod record;
 pub mod recording;
+pub mod replay;
 pub mod simulate;
 pub mod sys;
 pub mod text;

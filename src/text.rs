@@ -1,5 +1,8 @@
 //! Times, sizes and durations as people write and read them.
 
+pub mod candump;
+pub mod hex;
+
 use std::time::Duration;
 
 use crate::frame::Timestamp;

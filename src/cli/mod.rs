@@ -6,6 +6,7 @@ pub mod import;
 pub mod keep;
 pub mod protocols;
 pub mod recover;
+pub mod replay;
 pub mod retime;
 pub mod simulate;
 
@@ -19,6 +20,7 @@ pub use self::export::ExportArgs;
 pub use self::import::ImportArgs;
 pub use self::keep::KeepArgs;
 pub use self::recover::RecoverArgs;
+pub use self::replay::ReplayArgs;
 pub use self::retime::RetimeArgs;
 use crate::record::{Align, WhenFull};
 use crate::recording::writer::Layout;
@@ -53,6 +55,8 @@ pub enum Command {
     /// Rewrite a recording: other layout, several segments into one, an unfinished file into a
     /// finished one
     Convert(ConvertArgs),
+    /// Play a recording onto buses, or answer like the device in it
+    Replay(Box<ReplayArgs>),
     /// Make a sound recording of a damaged or unfinished one
     Recover(RecoverArgs),
     /// Put the times of a recording right, where the wall clock was set late

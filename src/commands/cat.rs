@@ -9,11 +9,10 @@ use anyhow::Result;
 
 use super::{Ended, info, output};
 use crate::cli::{CatArgs, TimeStyle};
-use crate::export::frames::{candump_line as candump, hex_rows as hex};
 use crate::frame::{Frame, Gap, Stamped, Timestamp};
 use crate::record::{reason_name, unit_name};
 use crate::recording::reader::{Entry, Recording};
-use crate::text::{printable, printable_json, rfc3339_millis};
+use crate::text::{candump, hex, printable, printable_json, rfc3339_millis};
 use select::Selection;
 
 /// Runs the command.
@@ -114,7 +113,8 @@ impl<'a> Printer<'a> {
     }
 }
 
-fn gap_text(bus: &str, gap: &Gap) -> String {
+/// A gap, in words.
+pub(super) fn gap_text(bus: &str, gap: &Gap) -> String {
     let count = match gap.count {
         0 => "an unknown number of".to_owned(),
         count => count.to_string(),

@@ -16,6 +16,7 @@ mod ports;
 mod protocols;
 mod record;
 mod recover;
+mod replay;
 mod retime;
 mod rewrite;
 mod simulate;
@@ -49,6 +50,7 @@ pub fn main() -> ExitCode {
         Command::Info(args) => info::run(&args),
         Command::Cat(args) => cat::run(&args),
         Command::Convert(args) => convert::run(&args),
+        Command::Replay(args) => replay::run(&args),
         Command::Recover(args) => recover::run(&args),
         Command::Keep(args) => keep::run(&args),
         Command::Retime(args) => retime::run(&args),

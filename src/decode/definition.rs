@@ -1,10 +1,11 @@
 //! What the frames of a bus mean: a database, and the rules that a database cannot say.
 
+use super::answers::AnswerRule;
 use super::assembly::Assembly;
 use super::can::{CanDecoder, Reading};
 use super::context::Meaning;
 use super::dbc::{Database, Message};
-use crate::frame::Level;
+use crate::frame::{CanFlags, CanFrame, Level};
 
 /// A CAN protocol, ready to decode with.
 #[derive(Debug)]
@@ -15,6 +16,7 @@ pub struct CanDefinition {
     pub(super) remotes: Vec<RemoteMessage>,
     pub(super) meanings: Vec<Meaning>,
     pub(super) assemblies: Vec<Assembly>,
+    pub(super) answers: Vec<AnswerRule>,
     /// By message: whether a rule is about it.
     pub(super) ruled: Vec<bool>,
     /// Events, by message, sorted.
@@ -56,6 +58,7 @@ impl CanDefinition {
             remotes: Vec::new(),
             meanings: Vec::new(),
             assemblies: Vec::new(),
+            answers: Vec::new(),
             events: Vec::new(),
         }
     }
@@ -110,6 +113,21 @@ impl CanDefinition {
     /// Every message that is put together from several frames.
     pub fn assemblies(&self) -> &[Assembly] {
         &self.assemblies
+    }
+
+    /// Which frames answer which.
+    pub fn answers(&self) -> &[AnswerRule] {
+        &self.answers
+    }
+
+    /// The name of the message that a frame is by itself, whatever came before it.
+    pub fn name_of(&self, frame: &CanFrame) -> Option<&str> {
+        if frame.flags.has(CanFlags::REMOTE) {
+            let key = (frame.id, frame.flags.has(CanFlags::EXTENDED));
+            let found = self.remotes.iter().find(|remote| (remote.id, remote.extended) == key);
+            return found.map(|remote| remote.name.as_str());
+        }
+        self.decoder.find(frame).map(|found| found.message.name.as_str())
     }
 
     /// How many rules give an identifier another meaning.

@@ -5,6 +5,7 @@
 //! DBC file cannot say stands in [`rules::Rules`] beside it; both together are a
 //! [`definition::CanDefinition`], with which a [`bus::CanBus`] decodes the frames of a bus.
 
+pub mod answers;
 pub mod assembly;
 pub mod bus;
 pub mod can;

@@ -92,7 +92,8 @@ impl Layout {
         self.header.end + self.trailer()
     }
 
-    fn trailer(&self) -> usize {
+    /// Bytes of the check.
+    pub fn trailer(&self) -> usize {
         self.check.as_ref().map_or(0, |check| check.sum.bytes())
     }
 

@@ -8,6 +8,7 @@ pub mod crc;
 pub mod decoder;
 pub mod definition;
 pub mod deframer;
+pub mod encoder;
 pub mod error;
 pub mod framing;
 pub mod item;
@@ -104,6 +105,7 @@ pub struct Protocol {
     /// The header's number that tells kinds of frames apart.
     link: Option<usize>,
     pairing: Option<PairingRules>,
+    error_answer: Option<encoder::ErrorAnswer>,
     by_id: HashMap<u64, Arc<Command>>,
 }
 

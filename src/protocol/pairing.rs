@@ -17,6 +17,8 @@ pub struct PairingRules {
     pub common: Vec<(u64, u64)>,
     /// Numbers that must be the same, and the reason told when they are not.
     pub same: Vec<(usize, Arc<str>)>,
+    /// Those of them that only tell one request from the next and ask for nothing themselves.
+    pub sequence: Vec<usize>,
 }
 
 /// A frame that waits for its answer.
@@ -38,6 +40,12 @@ impl PairingRules {
         let slot = header.get(self.slot).copied()?;
         let common = self.common.iter().any(|(from, to)| (*from..=*to).contains(&slot));
         (!common).then_some(slot)
+    }
+
+    /// True if an answer with the header `answer` may belong to the request with `request`.
+    pub fn fits(&self, request: &[u64], answer: &[u64]) -> bool {
+        let (asked, own) = (self.slot(request), self.slot(answer));
+        (asked == own || asked.is_none()) && self.same(request) == self.same(answer)
     }
 
     fn same(&self, header: &[u64]) -> Vec<u64> {

@@ -70,6 +70,15 @@ pub fn unsigned(bytes: &[u8], order: ByteOrder) -> u64 {
     }
 }
 
+/// Writes the low bytes of a number over `place`, as many as it has (8 at most).
+pub fn put_unsigned(number: u64, order: ByteOrder, place: &mut [u8]) {
+    let bytes = number.to_le_bytes();
+    match order {
+        ByteOrder::Little => place.iter_mut().zip(bytes).for_each(|(to, from)| *to = from),
+        ByteOrder::Big => place.iter_mut().rev().zip(bytes).for_each(|(to, from)| *to = from),
+    }
+}
+
 /// A number that was read.
 #[derive(Clone, Debug)]
 pub struct Reading {

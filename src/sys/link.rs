@@ -32,6 +32,14 @@ pub struct Link {
     pub kind: Option<String>,
 }
 
+impl Link {
+    /// True for a CAN interface whose frames never leave this host (`vcan`), whatever its name.
+    /// A `vxcan` does not count: its other end may be in another namespace, on another's desk.
+    pub fn is_virtual_can(&self) -> bool {
+        self.can && self.kind.as_deref() == Some("vcan")
+    }
+}
+
 /// All network interfaces.
 ///
 /// # Errors

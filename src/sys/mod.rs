@@ -7,6 +7,7 @@
 )]
 
 mod can_batch;
+mod can_sender;
 mod can_socket;
 mod clock;
 pub mod link;
@@ -14,10 +15,12 @@ mod netlink;
 pub mod opens;
 mod priority;
 pub mod pty;
+pub mod timing;
 pub mod tty;
 pub mod wait;
 
 pub use can_batch::{CanBatch, RawMessage};
+pub use can_sender::{CanSender, SEND_BATCH, WireFrame};
 pub use can_socket::CanSocket;
 pub use clock::SystemClock;
 pub use priority::yield_to_others;

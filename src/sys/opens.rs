@@ -14,6 +14,7 @@ use std::path::Path;
 pub struct Opens {
     inotify: OwnedFd,
     open: u64,
+    news: bool,
 }
 
 impl Opens {
@@ -32,7 +33,7 @@ impl Opens {
         if unsafe { libc::inotify_add_watch(inotify.as_raw_fd(), path.as_ptr(), mask) } < 0 {
             return Err(io::Error::last_os_error());
         }
-        Ok(Self { inotify, open: 0 })
+        Ok(Self { inotify, open: 0, news: false })
     }
 
     /// How often the file is open now.
@@ -40,8 +41,14 @@ impl Opens {
         let mut buffer = [0_u8; 4096];
         while let Ok(length @ 1..) = nix::unistd::read(&self.inotify, &mut buffer) {
             self.take(&buffer[..length]);
+            self.news = true;
         }
         self.open
+    }
+
+    /// True if anything was opened or closed since the last call, as far as [`Opens::count`] has seen.
+    pub fn take_news(&mut self) -> bool {
+        std::mem::take(&mut self.news)
     }
 
     /// Puts the count right after a second look.

@@ -12,6 +12,14 @@ use nix::sys::termios::{FlushArg, tcflush};
 
 use super::tty::{make_raw, set_nonblocking};
 
+/// The system call of ioctl_tty(2) that nix has no safe form of.
+mod ioctl {
+    #![allow(missing_docs, reason = "the macro takes no comments; see ioctl_tty(2)")]
+
+    nix::ioctl_read_bad!(fionread, libc::FIONREAD, libc::c_int);
+}
+use ioctl::fionread;
+
 /// A new pseudo-terminal: we hold its master side, an application opens [`Pty::path`].
 #[derive(Debug)]
 pub struct Pty {
@@ -50,6 +58,14 @@ impl Pty {
     /// nothing.
     pub fn write(&self, bytes: &[u8]) -> io::Result<usize> {
         Ok(nix::unistd::write(&self.master, bytes)?)
+    }
+
+    /// Bytes handed over that the application has not read yet.
+    pub fn unread(&self) -> usize {
+        let mut count = 0;
+        // SAFETY: the descriptor is open, and the kernel writes one int.
+        let answer = unsafe { fionread(self.kept.as_raw_fd(), &raw mut count) };
+        answer.map_or(0, |_| usize::try_from(count).unwrap_or(0))
     }
 
     /// Throws away what was handed over but never read, as closing a real port does.

@@ -204,8 +204,11 @@ impl Tty {
 impl Drop for Tty {
     fn drop(&mut self) {
         // With unsent bytes on a line that is held by flow control, close(2) would wait for up to
-        // 30 s, and every other bus with it.
-        let _ = termios::tcflush(&self.fd, FlushArg::TCOFLUSH);
+        // 30 s, and every other bus with it. A pseudo-terminal never waits, and its bytes are sent:
+        // only its reader has not read them yet.
+        if !self.is_pseudo() {
+            let _ = termios::tcflush(&self.fd, FlushArg::TCOFLUSH);
+        }
         // The exclusive mark belongs to the tty, not to the descriptor: it would outlive us.
         // SAFETY: the descriptor is open; the call takes no argument.
         let _ = unsafe { tiocnxcl(self.fd.as_raw_fd()) };

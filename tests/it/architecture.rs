@@ -26,9 +26,14 @@ const ARROWS: &[(&str, &[&str])] = &[
     // What frames mean, as messages of a recording.
     ("channels", &["frame", "decode", "protocol", "recording"]),
     ("address", &["capture", "simulate"]),
+    // Sends what was recorded: with the addresses, ports and codecs that capture has.
+    (
+        "replay",
+        &["frame", "clock", "text", "sys", "permit", "capture", "recording", "decode", "protocol"],
+    ),
     // Where something may be sent.
     ("permit", &["sys"]),
-    ("cli", &["text", "import", "record", "recording", "simulate"]),
+    ("cli", &["text", "import", "record", "recording", "replay", "simulate"]),
     (
         "commands",
         &[
@@ -45,6 +50,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "protocol",
             "record",
             "recording",
+            "replay",
             "simulate",
             "sys",
             "text",

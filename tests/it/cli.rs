@@ -4,7 +4,10 @@ use std::ffi::OsString;
 
 use crate::support::process::{args, bustape};
 
-const COMMANDS: &[&str] = &["record", "info", "cat", "convert", "recover", "retime", "keep", "ports", "demo", "export", "import"];
+const COMMANDS: &[&str] = &[
+    "record", "info", "cat", "convert", "recover", "retime", "keep", "ports", "demo", "export",
+    "import", "replay",
+];
 
 #[test]
 fn wrong_usage_is_refused_with_a_sentence_and_leaves_nothing() {
@@ -139,7 +142,7 @@ fn the_help_tells_the_default_and_the_unit_of_every_option() {
         for block in blocks.iter().filter(|block| block.contains(" <")) {
             let selects =
                 ["--topics", "--start", "--end", "--filter", "--bus", "--message", "--signal"];
-            let target = ["--output", "--dir", "--in-place", "--format"];
+            let target = ["--output", "--dir", "--in-place", "--format", "--to "];
             let free = selects.iter().chain(&target).any(|option| block.contains(option));
             assert!(free || block.contains("[default: "), "{command}: no default in {block}");
             let units = ["<TIME>", "<SIZE>"].iter().any(|value| block.contains(value));

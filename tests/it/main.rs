@@ -37,6 +37,7 @@ mod logs;
 mod mf4;
 mod record;
 mod recover;
+mod replay;
 mod retention;
 mod retime;
 mod segments;

@@ -18,6 +18,7 @@ mod frames;
 mod lab;
 mod links;
 mod loss;
+mod replay;
 mod simulate;
 mod time;
 
@@ -40,8 +41,14 @@ fn main() -> ExitCode {
     }
     // The tests share two interfaces and one clock.
     args.test_threads = Some(1);
-    let trials =
-        [frames::trials(), loss::trials(), links::trials(), time::trials(), simulate::trials()];
+    let trials = [
+        frames::trials(),
+        loss::trials(),
+        links::trials(),
+        time::trials(),
+        replay::trials(),
+        simulate::trials(),
+    ];
     libtest_mimic::run(&args, trials.into_iter().flatten().collect()).exit_code()
 }
 

@@ -28,6 +28,7 @@ mod trouble;
 
 pub use address::SerialAddress;
 pub use bridge::Bridge;
+pub(crate) use identity::holders;
 pub(crate) use link::Link;
 pub use listen::Listen;
 pub(crate) use open::{PortSpec, Use};

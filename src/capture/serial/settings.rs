@@ -72,6 +72,13 @@ impl SerialSettings {
             low_latency: false,
         }
     }
+
+    /// What a byte takes on the line, in bits: start, data, parity and stop bits (1.5 as 2).
+    pub fn bits_per_byte(&self) -> u32 {
+        let parity = u32::from(self.parity != Parity::None);
+        let stop = if self.stop_bits == StopBits::One { 1 } else { 2 };
+        1 + u32::from(self.data_bits) + parity + stop
+    }
 }
 
 /// Why line settings could not be read: a whole sentence.

@@ -12,4 +12,6 @@ mod source;
 mod spacing;
 
 pub use address::SlcanAddress;
+pub(crate) use lines::{Cut, Lines};
+pub(crate) use set_up::set_up;
 pub use source::Slcan;

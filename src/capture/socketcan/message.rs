@@ -48,6 +48,16 @@ pub(super) fn decode(message: RawMessage<'_>) -> Option<Message> {
     Some(Message { frame, stamps: stamps(message.control) })
 }
 
+/// The frame of one message, without what came with it.
+pub fn decode_frame(message: RawMessage<'_>) -> Option<CanFrame> {
+    decode(message).map(|message| message.frame)
+}
+
+/// The frame of one message, and the wall clock time at which the kernel received it.
+pub fn decode_stamped(message: RawMessage<'_>) -> Option<(CanFrame, Option<u64>)> {
+    decode(message).map(|message| (message.frame, message.stamps.kernel))
+}
+
 /// struct can_frame: id (u32), length, 2 reserved, raw DLC, data (8).
 fn classic(bytes: &[u8]) -> Option<CanFrame> {
     let id = u32::from_ne_bytes(*bytes.first_chunk()?);

@@ -1,6 +1,7 @@
 //! SocketCAN: frames of a CAN interface of this machine. Listens, never sends.
 
 mod bitrate;
+mod encode;
 mod hardware;
 mod interfaces;
 mod message;
@@ -14,7 +15,9 @@ mod settings;
 
 use std::collections::BTreeMap;
 
+pub use encode::encode;
 pub use interfaces::{CanInterfaceInfo, can_interfaces};
+pub use message::{decode_frame, decode_stamped};
 pub use settings::{CanFilter, CanSettings};
 
 use super::{BusFacts, Running, Source, Stop};

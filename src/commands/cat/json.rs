@@ -5,12 +5,11 @@ use std::collections::HashMap;
 use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, SerializeOptions};
 use serde_json::{Value, json};
 
-use crate::export::frames::hex_rows as hex;
 use crate::frame::{CanFlags, CanFrame, Direction, Frame, SerialBytes, Stamped};
 use crate::record::{reason_name, unit_name};
 use crate::recording::reader::{Entry, Recording};
 use crate::recording::segment::Segment;
-use crate::text::{printable_json, rfc3339};
+use crate::text::{hex, printable_json, rfc3339};
 
 /// Decodes messages of any schema that a recording holds.
 pub struct Messages<'a> {

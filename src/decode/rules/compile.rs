@@ -5,8 +5,8 @@ use std::ops::Range;
 
 use toml::Spanned;
 
-use super::assemblies;
 use super::forms::{ContextForm, LevelForm, RemoteForm, Rules, RulesForm};
+use super::{answers, assemblies};
 use crate::decode::assembly::Assembly;
 use crate::decode::can::{CanDecoder, key};
 use crate::decode::context::{After, Meaning, Seen};
@@ -34,7 +34,14 @@ impl Rules {
 }
 
 fn join(mut form: RulesForm, mut database: Database) -> Result<CanDefinition, Fault> {
-    for count in [form.remote.len(), form.context.len(), form.assembly.len(), form.log.len()] {
+    let kinds = [
+        form.remote.len(),
+        form.context.len(),
+        form.assembly.len(),
+        form.answer.len(),
+        form.log.len(),
+    ];
+    for count in kinds {
         if count > MOST {
             let text = format!("{count} rules of a kind; expected {MOST} at most");
             return Err(Fault { span: None, text });
@@ -52,6 +59,7 @@ fn join(mut form: RulesForm, mut database: Database) -> Result<CanDefinition, Fa
     let added = database.messages.len() - from_file;
     let meanings = form.context.iter().map(|context| meaning(context, &database, &remotes));
     let meanings = meanings.collect::<Result<Vec<_>, _>>()?;
+    let answers = answers::compile(&form, &database, &remotes)?;
     let assemblies = assemblies::compile(&mut form, &database, &mut names)?;
     let events = events(&form, &database)?;
     let ruled = ruled(&form, &database, &meanings, &assemblies);
@@ -62,6 +70,7 @@ fn join(mut form: RulesForm, mut database: Database) -> Result<CanDefinition, Fa
         remotes,
         meanings,
         assemblies,
+        answers,
         ruled,
         events,
     })

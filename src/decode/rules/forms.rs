@@ -14,7 +14,7 @@ use crate::protocol::error::Fault;
 /// Whether the text of a TOML file is about CAN: it names a database, or has tables that only
 /// protocols for CAN have.
 pub fn is_can(text: &str) -> bool {
-    let keys = ["dbc", "remote", "context", "assembly", "log"];
+    let keys = ["dbc", "remote", "context", "assembly", "answer", "log"];
     let table = text.parse::<toml::Table>();
     table.is_ok_and(|table| keys.iter().any(|key| table.contains_key(*key)))
 }
@@ -73,11 +73,21 @@ pub struct RulesForm {
     #[serde(default)]
     pub assembly: Vec<Spanned<AssemblyForm>>,
     #[serde(default)]
+    pub answer: Vec<Spanned<AnswerForm>>,
+    #[serde(default)]
     pub log: Vec<Spanned<LogForm>>,
     #[serde(default)]
     pub values: BTreeMap<String, Spanned<Table>>,
     #[serde(default)]
     pub flags: BTreeMap<String, Spanned<Table>>,
+}
+
+/// `[[answer]]`: messages that answer others.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AnswerForm {
+    pub request: Spanned<OneOrMany<String>>,
+    pub answer: Spanned<OneOrMany<String>>,
 }
 
 /// `[[remote]]`: a remote frame that is a message.

@@ -3,6 +3,7 @@
 //! The language is described in `docs/protocols.md`; fields are written as in definitions of serial
 //! protocols.
 
+mod answers;
 mod assemblies;
 mod compile;
 mod forms;

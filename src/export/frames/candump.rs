@@ -6,7 +6,7 @@ use std::io::{self, Write};
 
 use super::super::{BusHead, FrameWriter};
 use super::kept::Unkept;
-use super::{candump_line, text};
+use super::text;
 use crate::frame::{Frame, Stamped};
 
 /// Written at once.
@@ -51,8 +51,8 @@ impl<W: Write> FrameWriter for Candump<W> {
         out.extend_from_slice(b") ");
         out.extend_from_slice(name);
         out.push(b' ');
-        candump_line::put(out, can);
-        candump_line::put_direction(out, can);
+        crate::text::candump::put(out, can);
+        crate::text::candump::put_direction(out, can);
         out.push(b'\n');
         if out.len() >= BUFFER {
             self.out.write_all(out)?;

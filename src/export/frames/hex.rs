@@ -5,7 +5,7 @@ use std::io::{self, Write};
 
 use super::super::{BusHead, FrameWriter};
 use super::kept::Unkept;
-use super::{hex_rows, text};
+use super::text;
 use crate::frame::{Frame, Stamped};
 
 const SECOND: u64 = 1_000_000_000;
@@ -41,7 +41,7 @@ impl<W: Write> FrameWriter for Hex<W> {
         text::decimal(&mut time, nanos % SECOND, 9, b'0');
         time.extend_from_slice(b") ");
         self.line.clear();
-        hex_rows::put(&mut self.line, &time, name, bytes);
+        crate::text::hex::put(&mut self.line, &time, name, bytes);
         self.out.write_all(&self.line)
     }
 

@@ -3,11 +3,9 @@
 pub mod asc;
 pub mod blf;
 pub mod candump;
-pub mod candump_line;
 pub mod channels;
 pub mod csv;
 pub mod hex;
-pub mod hex_rows;
 mod kept;
 pub mod mf4;
 pub mod pcapng;

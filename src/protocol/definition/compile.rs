@@ -66,6 +66,11 @@ pub fn protocol(text: &str, settings: Settings) -> Result<Protocol, Fault> {
             .as_ref()
             .map(|form| messages::pairing(form, header))
             .transpose()?,
+        error_answer: definition
+            .error_answer
+            .as_ref()
+            .map(|form| messages::error_answer(form, header))
+            .transpose()?,
         by_id: by_id(&definition, &commands)?,
         name: definition.name,
         title: definition.title,

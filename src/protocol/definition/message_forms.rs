@@ -96,11 +96,23 @@ pub struct PairingForm {
     pub same: Vec<SameForm>,
 }
 
+/// `[error_answer]`
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ErrorAnswerForm {
+    #[serde(default)]
+    pub set: BTreeMap<String, Scalar>,
+    #[serde(default)]
+    pub data: Vec<u8>,
+}
+
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct SameForm {
     pub field: String,
     pub reason: String,
+    #[serde(default)]
+    pub sequence: bool,
 }
 
 #[derive(Debug, Deserialize)]

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use toml::Spanned;
 
 use super::super::condition::{Condition, Side, Subject};
+use super::super::encoder::ErrorAnswer;
 use super::super::error::Fault;
 use super::super::pairing::PairingRules;
 use super::super::word::{Block, Quantity};
@@ -13,9 +14,12 @@ use super::super::{CheckRule, DirectionRule, MessageRules};
 use super::framing::header_number;
 use super::values::{Tables, name, one_of};
 use super::{
-    Carries, CheckForm, ConditionForm, DirectionForm, MessageForm, OneOrMany, PairingForm, Scalar,
-    words,
+    Carries, CheckForm, ConditionForm, DirectionForm, ErrorAnswerForm, MessageForm, OneOrMany,
+    PairingForm, Scalar, words,
 };
+
+/// Most data of an error answer, in bytes.
+const LONGEST_ANSWER: usize = 256;
 
 /// Compiles `[direction]`.
 pub(in crate::protocol) fn direction(
@@ -162,6 +166,27 @@ pub(in crate::protocol) fn message(
     })
 }
 
+/// Compiles `[error_answer]`.
+pub(in crate::protocol) fn error_answer(
+    form: &Spanned<ErrorAnswerForm>,
+    header: &Block,
+) -> Result<ErrorAnswer, Fault> {
+    let (form, span) = (form.get_ref(), form.span());
+    if form.data.len() > LONGEST_ANSWER {
+        let text = format!(
+            "an error answer with {} bytes of data; expected {LONGEST_ANSWER} at most",
+            form.data.len()
+        );
+        return Err(Fault::at(span, text));
+    }
+    let mut set = Vec::new();
+    for (field, value) in &form.set {
+        let index = header_number(header, field, &span)?;
+        set.push((index, number(value, &header.quantities[index], &span)?));
+    }
+    Ok(ErrorAnswer { set, data: form.data.clone() })
+}
+
 /// Compiles `[pairing]`.
 pub(in crate::protocol) fn pairing(
     form: &Spanned<PairingForm>,
@@ -174,9 +199,13 @@ pub(in crate::protocol) fn pairing(
         let text = format!("\"{}\" has more than 16 bits; expected at most 16", form.slot);
         return Err(Fault::at(span, text));
     }
-    let mut same = Vec::new();
+    let (mut same, mut sequence) = (Vec::new(), Vec::new());
     for rule in &form.same {
-        same.push((header_number(header, &rule.field, &span)?, rule.reason.as_str().into()));
+        let index = header_number(header, &rule.field, &span)?;
+        same.push((index, rule.reason.as_str().into()));
+        if rule.sequence {
+            sequence.push(index);
+        }
     }
-    Ok(PairingRules { slot, common: form.common.clone(), same })
+    Ok(PairingRules { slot, common: form.common.clone(), same, sequence })
 }

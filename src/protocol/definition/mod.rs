@@ -23,8 +23,8 @@ pub use frame_forms::{
     BitsForm, CrcForm, EscapeForm, Format, FramingForm, LengthForm, ValuesForm, WordForm,
 };
 pub use message_forms::{
-    ByDataForm, Carries, CheckForm, CommandForm, ConditionForm, DirectionForm, FieldForm, LinkForm,
-    MessageForm, OneOrMany, OperationForm, PairingForm, Scalar,
+    ByDataForm, Carries, CheckForm, CommandForm, ConditionForm, DirectionForm, ErrorAnswerForm,
+    FieldForm, LinkForm, MessageForm, OneOrMany, OperationForm, PairingForm, Scalar,
 };
 
 /// Order of the bytes of a number.
@@ -62,6 +62,7 @@ pub struct Definition {
     pub report: Option<Spanned<MessageForm>>,
     pub link: Option<Spanned<LinkForm>>,
     pub pairing: Option<Spanned<PairingForm>>,
+    pub error_answer: Option<Spanned<ErrorAnswerForm>>,
     #[serde(default)]
     pub values: BTreeMap<String, Spanned<Table>>,
     #[serde(default)]

@@ -3,7 +3,7 @@
 //! No byte is looked at twice, nothing depends on how the bytes were cut into reads (except where
 //! silence tells frames apart), and no more than one frame is held.
 
-mod cobs;
+pub(super) mod cobs;
 mod counted;
 mod delimited;
 mod silence;

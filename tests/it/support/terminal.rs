@@ -2,10 +2,12 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::Write as _;
+use std::os::fd::AsFd as _;
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
 
 use nix::fcntl::OFlag;
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::pty::{PtyMaster, grantpt, posix_openpt, ptsname_r, unlockpt};
 
 use super::until;
@@ -30,6 +32,15 @@ impl Device {
     /// What a program opens.
     pub fn port(&self) -> &Path {
         &self.port
+    }
+
+    /// Takes what a program has said; an error if nothing, or if nobody has it open.
+    pub fn hear(&self, buffer: &mut [u8]) -> nix::Result<usize> {
+        let mut ready = [PollFd::new(self.device.as_fd(), PollFlags::POLLIN)];
+        if poll(&mut ready, PollTimeout::ZERO)? == 0 {
+            return Err(nix::errno::Errno::EAGAIN);
+        }
+        nix::unistd::read(&self.device, buffer)
     }
 
     /// Says something to whoever listens, which must be somebody: else it is echoed.

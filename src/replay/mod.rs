@@ -1,0 +1,26 @@
+//! Replay: frames of a recording, in time order, at the right moment, onto buses.
+//!
+//! A [`Player`](player::Player) takes frames that a [`Feed`](feed::Feed) reads ahead, asks the
+//! [`Schedule`](schedule::Schedule) when each is due, and hands them to a [`Lane`](lane::Lane) per
+//! target, whose [`Sink`](sink::Sink) gives them to the kernel. Nothing here transmits on a bus
+//! without a [`Permit`](permit::Permit).
+
+pub mod answer;
+pub mod control;
+pub mod feed;
+pub mod keys;
+pub mod lane;
+pub mod lateness;
+pub mod permit;
+pub mod player;
+pub mod schedule;
+pub mod select;
+pub mod sink;
+pub mod tally;
+pub mod target;
+pub mod verify;
+
+/// Why something cannot be replayed. The text is the whole sentence.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct ReplayError(pub String);

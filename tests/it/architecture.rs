@@ -21,7 +21,8 @@ const ARROWS: [(&str, &[&str]); 18] = [
     ("protocol", &["frame"]),
     // Logs of other tools become frames; what a recording is does not matter here.
     ("import", &["frame", "text"]),
-    // Tables and logs for other tools; where the frames come from does not matter here.
+    // Tables and logs for other tools. Decoded channels are messages of a recording, so their wire
+    // format is; where anything comes from does not matter here.
     ("export", &["decode", "frame", "recording", "text"]),
     // What frames mean, as messages of a recording.
     ("channels", &["frame", "decode", "protocol", "recording"]),
@@ -53,12 +54,10 @@ const ARROWS: [(&str, &[&str]); 18] = [
 ];
 
 /// Where an arrow is there for the sake of these names only.
-const ONLY: [(&str, &str, &[&str]); 4] = [
+const ONLY: [(&str, &str, &[&str]); 3] = [
     ("capture", "record", &["Inlet"]),
     ("record", "capture", &["BusFacts"]),
     ("recording", "record", &["weight"]),
-    // Decoded channels are messages of a recording.
-    ("export", "recording", &["wire::{Field, Fields}"]),
 ];
 
 /// The source files without their tests and comments, by path below `src`.

@@ -121,8 +121,16 @@ fn the_help_tells_the_default_and_the_unit_of_every_option() {
         }
         assert!(blocks.len() > 1, "{text}");
         for block in blocks.iter().filter(|block| block.contains(" <")) {
-            let selects =
-                ["--topics", "--start", "--end", "--filter", "--bus", "--message", "--signal"];
+            let selects = [
+                "--topics",
+                "--start",
+                "--end",
+                "--filter",
+                "--bus",
+                "--message",
+                "--signal",
+                "--decode",
+            ];
             let target = ["--output", "--dir", "--format"];
             let free = selects.iter().chain(&target).any(|option| block.contains(option));
             assert!(free || block.contains("[default: "), "{command}: no default in {block}");

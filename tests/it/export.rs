@@ -184,7 +184,7 @@ fn a_dataset_is_read_by_pyarrow_pandas_and_duckdb_as_cantools_decodes_the_frames
     ];
     let equal = inputs.check("pyarrow", "trip", &kinds);
     assert_eq!(equal.0, ROWS);
-    assert!(equal.1 > 3 * ROWS);
+    assert!(equal.1 > 2 * ROWS);
     for reader in ["unified", "pandas", "duckdb"] {
         assert_eq!(inputs.check(reader, "trip", &[]), equal, "{reader}");
     }

@@ -21,6 +21,7 @@ pub mod decode;
 pub mod export;
 pub mod frame;
 pub mod import;
+pub mod permit;
 pub mod protocol;
 pub mod record;
 pub mod recording;

@@ -9,6 +9,13 @@ pub fn compact_utc(time: Timestamp) -> String {
     utc(time).strftime("%Y%m%dT%H%M%SZ").to_string()
 }
 
+/// Reads what [`compact_utc`] writes.
+pub fn parse_compact_utc(text: &str) -> Option<Timestamp> {
+    let time = jiff::civil::DateTime::strptime("%Y%m%dT%H%M%SZ", text).ok()?;
+    let time = time.to_zoned(jiff::tz::TimeZone::UTC).ok()?.timestamp();
+    u64::try_from(time.as_nanosecond()).ok().map(Timestamp)
+}
+
 /// RFC 3339 with nanoseconds: `2026-11-22T03:15:00.123456789Z`.
 pub fn rfc3339(time: Timestamp) -> String {
     format!("{:.9}", utc(time))
@@ -22,6 +29,12 @@ pub fn rfc3339_millis(time: Timestamp) -> String {
 /// `2026-11-22 03:15:00`, as candump prints dates.
 pub fn date_and_time(time: Timestamp) -> String {
     utc(time).strftime("%Y-%m-%d %H:%M:%S").to_string()
+}
+
+/// `Tue Nov 14 10:13:20.000 pm 2023`, as Vector's tools print dates, to the millisecond.
+pub fn asc_date(time: Timestamp) -> String {
+    let millis = time.nanos() / 1_000_000 % 1000;
+    utc(time).strftime(&format!("%a %b %d %I:%M:%S.{millis:03} %P %Y")).to_string()
 }
 
 /// A moment: RFC 3339, seconds since 1970, or `+1m30s` after `origin`.
@@ -91,6 +104,16 @@ pub fn duration(nanos: u64) -> String {
         (0, 0, s) => format!("{s}.{:03} s", nanos / 1_000_000 % 1000),
         (0, m, s) => format!("{m}m {:02}s", s % 60),
         (h, m, s) => format!("{h}h {:02}m {:02}s", m % 60, s % 60),
+    }
+}
+
+/// `+1h 02m 03s`, `-17 ms`, `+20000d 1h 02m 03s`.
+pub fn signed_duration(nanos: i64) -> String {
+    const DAY: u64 = 86_400_000_000_000;
+    let (sign, amount) = (if nanos < 0 { '-' } else { '+' }, nanos.unsigned_abs());
+    match amount / DAY {
+        0 => format!("{sign}{}", duration(amount)),
+        days => format!("{sign}{days}d {}", duration(amount % DAY)),
     }
 }
 

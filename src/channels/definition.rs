@@ -26,9 +26,9 @@ pub struct Definition {
 #[derive(Debug)]
 pub enum Meaning {
     /// The messages of a CAN bus.
-    Can(CanDefinition),
+    Can(Box<CanDefinition>),
     /// The commands of a serial line.
-    Serial(Protocol),
+    Serial(Box<Protocol>),
 }
 
 impl Definition {
@@ -64,7 +64,7 @@ impl Definition {
     pub(super) fn decoder(self) -> Box<dyn Decode> {
         let package = self.package();
         match self.meaning {
-            Meaning::Can(definition) => Box::new(CanChannels::new(definition, package)),
+            Meaning::Can(definition) => Box::new(CanChannels::new(*definition, package)),
             Meaning::Serial(protocol) => Box::new(SerialChannels::new(protocol.into(), package)),
         }
     }

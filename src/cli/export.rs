@@ -18,6 +18,26 @@ pub enum Format {
     Jsonl,
     /// InfluxDB line protocol
     Influx,
+    /// Frames: the log of `candump -l`, which canplayer replays
+    Candump,
+    /// Frames: Vector ASC
+    Asc,
+    /// Frames: Vector BLF
+    Blf,
+    /// Frames: PEAK TRC 2.1
+    Trc,
+    /// Frames: ASAM MDF 4 with bus logging
+    Mf4,
+    /// Frames and serial bytes: pcapng for Wireshark
+    Pcapng,
+    /// Frames: CSV with a column for each property
+    FramesCsv,
+    /// Frames: CSV with the columns of python-can
+    PythonCanCsv,
+    /// Serial bytes: hexadecimal text with times
+    Hex,
+    /// Serial bytes as they are: OUT becomes NAME.BUS.rx.END and NAME.BUS.tx.END
+    Raw,
 }
 
 /// What stands in a row of a table.
@@ -123,6 +143,11 @@ pub struct ExportArgs {
     /// Only these buses; * stands for any text
     #[arg(long = "bus", value_name = "NAME", value_delimiter = ',')]
     pub buses: Vec<String>,
+
+    /// Frames: only this bus, and of it only CAN frames that pass candump filters:
+    /// can0,123:7FF,~400:700
+    #[arg(short, long = "filter", value_name = "BUS[,FILTER]...")]
+    pub filters: Vec<String>,
 
     /// Only these messages; * stands for any text
     #[arg(long = "message", value_name = "NAME", value_delimiter = ',')]

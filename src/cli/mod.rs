@@ -2,15 +2,25 @@
 
 pub mod decode;
 pub mod export;
+pub mod import;
+pub mod keep;
+pub mod protocols;
+pub mod recover;
+pub mod retime;
+pub mod simulate;
 
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
-pub use decode::DecodeArgs;
-use export::ExportArgs;
-
+pub use self::decode::DecodeArgs;
+pub use self::export::ExportArgs;
+pub use self::import::ImportArgs;
+pub use self::keep::KeepArgs;
+pub use self::recover::RecoverArgs;
+pub use self::retime::RetimeArgs;
+use crate::record::{Align, WhenFull};
 use crate::recording::writer::Layout;
 use crate::text::{parse_duration, parse_size};
 
@@ -28,7 +38,8 @@ pub struct Cli {
 
 const EXIT_CODES: &str = "\
 Results go to stdout, everything else to stderr.
-Exit status: 0 ok, 1 failed, 2 wrong usage, 3 finished but something was lost or skipped.";
+Exit status: 0 ok, 1 failed, 2 wrong usage, 3 finished but something was lost or skipped,
+4 refused to transmit.";
 
 /// The commands.
 #[derive(Debug, Subcommand)]
@@ -42,8 +53,16 @@ pub enum Command {
     /// Rewrite a recording: other layout, several segments into one, an unfinished file into a
     /// finished one
     Convert(ConvertArgs),
+    /// Make a sound recording of a damaged or unfinished one
+    Recover(RecoverArgs),
+    /// Put the times of a recording right, where the wall clock was set late
+    Retime(RetimeArgs),
+    /// Mark segments that a recorder must not delete
+    Keep(KeepArgs),
     /// Make tables of signals, or logs for other tools
     Export(Box<ExportArgs>),
+    /// Make a recording of logs of other tools
+    Import(Box<ImportArgs>),
     /// Add decoded channels to a recording
     Decode(DecodeArgs),
     /// List the CAN interfaces and serial ports of this machine
@@ -54,6 +73,8 @@ pub enum Command {
     Explain(ExplainArgs),
     /// Look at the files that decoding goes by
     Protocols(ProtocolsArgs),
+    /// Simulate a device for other programs to talk to
+    Simulate(simulate::SimulateArgs),
 }
 
 /// Addresses, for the help of every command that takes them.
@@ -72,7 +93,9 @@ Addresses ([NAME=]ADDRESS; without a name the last part of the address is the na
                                    a pty at PATH for the application, the real port behind it
   pty:PATH                         a new pseudo-terminal linked at PATH
   slcan:/dev/ttyACM0@500000        CAN adapter with the Lawicel ASCII protocol
-  sim:hmi-can, sim:zhongheng-09    simulated devices
+  sim:hmi-can, sim:zhongheng-09    simulated devices; options with commas: seed=N, time-scale=X, and
+                                   the faults that \"bustape simulate\" has, as in
+                                   sim:zhongheng-09,seed=7,bad-crc=0.01
 
 PROTOCOL:
   hmi-can, zhongheng-09            built in
@@ -91,6 +114,7 @@ pub struct RecordArgs {
     pub buses: Vec<String>,
 
     /// Write what the frames of this bus mean as decoded channels, too; once for each bus
+    /// [default: not decoded]
     #[arg(long, value_name = "BUS=PROTOCOL")]
     pub decode: Vec<String>,
 
@@ -130,6 +154,30 @@ pub struct RecordArgs {
     /// Begin a new file after this time, e.g. 1h [default: 1h with --dir, none with --output]
     #[arg(long, value_name = "TIME", value_parser = parse_nonzero_duration)]
     pub split_time: Option<Duration>,
+
+    /// Begin a new file at each full hour or day of UTC, instead of --split-time [default: none].
+    /// SIGUSR1 begins one at once
+    #[arg(long, value_name = "WHEN", value_enum, conflicts_with = "split_time")]
+    pub split_at: Option<Align>,
+
+    /// With --dir: delete the oldest segments of NAME beyond this size together, e.g. 20GiB; at
+    /// least 4MiB and three times --split-size [default: no limit]
+    #[arg(long, value_name = "SIZE", value_parser = parse_keep_size, conflicts_with = "output")]
+    pub keep_size: Option<u64>,
+
+    /// With --dir: delete segments of NAME that ended longer ago than this, e.g. 90s, 720h
+    /// [default: no limit]
+    #[arg(long, value_name = "TIME", value_parser = parse_nonzero_duration,
+          conflicts_with = "output")]
+    pub keep_time: Option<Duration>,
+
+    /// With --dir: what stays free on the disk, at least 1MiB
+    #[arg(long, value_name = "SIZE", default_value = "8MiB", value_parser = parse_min_free)]
+    pub min_free: u64,
+
+    /// With --dir: what to do when less than --min-free is free
+    #[arg(long, value_name = "POLICY", value_enum, default_value_t, conflicts_with = "output")]
+    pub when_full: WhenFull,
 
     /// Longest time until a frame is written to the file: what a kill of the recorder can cost
     #[arg(long, value_name = "TIME", default_value = "200ms", value_parser = parse_nonzero_duration)]
@@ -331,6 +379,12 @@ pub enum ProtocolsCommand {
 Exit status: 0 all of the file was loaded (oddities may have been read in a way that is said), 1 it
 cannot be used, 3 something in it could not be loaded.")]
     Check(CheckArgs),
+    /// List what is built in
+    List(protocols::ListArgs),
+    /// Show messages and signals, or commands and fields
+    Show(protocols::ShowArgs),
+    /// Print a layout for Foxglove or Lichtblick
+    Layout(protocols::LayoutArgs),
 }
 
 /// Options of `bustape protocols check`.
@@ -366,6 +420,24 @@ fn parse_split_size(text: &str) -> Result<u64, String> {
     let size = parse_size(text)?;
     if size < 64 << 10 {
         return Err(format!("{text} is too small; the least is 64KiB"));
+    }
+    Ok(size)
+}
+
+fn parse_keep_size(text: &str) -> Result<u64, String> {
+    let size = parse_size(text)?;
+    if size < 4 << 20 {
+        return Err(format!("{text} is too small; the least is 4MiB"));
+    }
+    Ok(size)
+}
+
+fn parse_min_free(text: &str) -> Result<u64, String> {
+    let size = parse_size(text)?;
+    if size < 1 << 20 {
+        return Err(format!(
+            "{text} is too small; the least is 1MiB, for the end of the open file"
+        ));
     }
     Ok(size)
 }

@@ -1,7 +1,5 @@
 //! `bustape cat`: the frames of a recording as text.
 
-pub(super) mod candump;
-mod hex;
 mod json;
 pub(super) mod select;
 
@@ -11,6 +9,7 @@ use anyhow::Result;
 
 use super::{Ended, info, output};
 use crate::cli::{CatArgs, TimeStyle};
+use crate::export::frames::{candump_line as candump, hex_rows as hex};
 use crate::frame::{Frame, Gap, Stamped, Timestamp};
 use crate::record::{reason_name, unit_name};
 use crate::recording::reader::{Entry, Recording};

@@ -54,7 +54,7 @@ fn definition(text: &str) -> Result<(Definition, bool)> {
         let name = format!("{}.toml", serial.protocol.name);
         let attachment = attachment(serial.file.as_deref().unwrap_or(&name), serial.text.into());
         let protocol = with_settings(&serial.file.unwrap_or(serial.protocol.name.clone()), text);
-        let meaning = Meaning::Serial(serial.protocol);
+        let meaning = Meaning::Serial(Box::new(serial.protocol));
         return Ok((Definition { protocol, attachments: vec![attachment], meaning }, true));
     }
     let can = protocols::named(text)?;
@@ -64,7 +64,7 @@ fn definition(text: &str) -> Result<(Definition, bool)> {
     let attachments = loaded.files.into_iter().map(|(name, data)| attachment(&name, data));
     let attachments = attachments.collect();
     let protocol = with_settings(&can.name(), text);
-    let meaning = Meaning::Can(loaded.definition);
+    let meaning = Meaning::Can(Box::new(loaded.definition));
     Ok((Definition { protocol, attachments, meaning }, complete))
 }
 
@@ -117,7 +117,7 @@ pub fn sentence(stream: &Stream) -> String {
         grouped(counts.unknown),
     );
     if counts.invalid > 0 {
-        text.push_str(&format!(", {} invalid", grouped(counts.invalid)));
+        text += &[", ", &grouped(counts.invalid), " invalid"].concat();
     }
     text
 }

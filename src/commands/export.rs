@@ -1,7 +1,8 @@
 //! `bustape export`: tables of signals, and frames in the formats of other tools.
 
 mod decoders;
-mod input;
+mod frames;
+pub(super) mod input;
 mod report;
 mod routes;
 mod selection;
@@ -23,5 +24,6 @@ pub fn run(args: &ExportArgs) -> Result<Ended> {
         Format::Parquet | Format::Csv | Format::Jsonl | Format::Influx => {
             tables::run(args, &selection, &interrupt)
         }
+        _ => frames::run(args, &selection, &interrupt),
     }
 }

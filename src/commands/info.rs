@@ -11,6 +11,7 @@ use crate::cli::InfoArgs;
 use crate::frame::{Frame, Gap, Timestamp};
 use crate::record::{reason_name, unit_name};
 use crate::recording::reader::{Entry, Recording};
+use crate::recording::rewrite::RECOVERY;
 use crate::recording::segment::{Ending, Segment};
 use crate::text::{duration, grouped, printable_json, rfc3339, rfc3339_millis, size};
 
@@ -49,7 +50,11 @@ fn print_files(out: &mut impl std::io::Write, recording: &Recording) -> Result<(
     let rows = recording.segments.iter().map(|segment| {
         let (start, end) = span(segment);
         let ended = match &segment.ending {
-            Ending::Finished => segment.fact("bustape.summary", "reason").unwrap_or("finished"),
+            Ending::Finished => match segment.fact("bustape.summary", "reason") {
+                Some(reason) => reason,
+                None if segment.metadata.contains_key(RECOVERY) => "cut off, recovered",
+                None => "finished",
+            },
             Ending::Cut { .. } => "NOT FINISHED",
         };
         let path = segment.path.display().to_string();

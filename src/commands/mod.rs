@@ -7,13 +7,18 @@ mod definitions;
 mod demo;
 mod explain;
 mod export;
+mod import;
 mod info;
 mod interrupt;
+mod keep;
 mod output;
 mod ports;
 mod protocols;
 mod record;
+mod recover;
+mod retime;
 mod rewrite;
+mod simulate;
 mod status;
 
 use std::process::ExitCode;
@@ -21,6 +26,7 @@ use std::process::ExitCode;
 use clap::Parser as _;
 
 use crate::cli::{Cli, Command};
+use crate::permit::Refused;
 
 /// How a command ended, when it did not fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,12 +49,17 @@ pub fn main() -> ExitCode {
         Command::Info(args) => info::run(&args),
         Command::Cat(args) => cat::run(&args),
         Command::Convert(args) => convert::run(&args),
+        Command::Recover(args) => recover::run(&args),
+        Command::Keep(args) => keep::run(&args),
+        Command::Retime(args) => retime::run(&args),
         Command::Export(args) => export::run(&args),
+        Command::Import(args) => import::run(&args),
         Command::Decode(args) => decode::run(&args),
         Command::Ports(args) => ports::run(&args),
         Command::Demo(args) => demo::run(&args),
         Command::Explain(args) => explain::run(&args),
         Command::Protocols(args) => protocols::run(&args),
+        Command::Simulate(args) => simulate::run(&args),
     };
     match result {
         Ok(Ended::Well) => ExitCode::SUCCESS,
@@ -56,7 +67,18 @@ pub fn main() -> ExitCode {
         Err(error) if output::is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             output::error(&format!("{error:#}"));
-            ExitCode::from(if error.is::<UsageError>() { 2 } else { 1 })
+            ExitCode::from(status(&error))
         }
+    }
+}
+
+/// The exit status of a command that failed.
+fn status(error: &anyhow::Error) -> u8 {
+    if error.is::<UsageError>() {
+        2
+    } else if error.is::<Refused>() {
+        4
+    } else {
+        1
     }
 }

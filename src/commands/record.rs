@@ -1,10 +1,12 @@
 //! `bustape record`: sources, queue, writer, and the person who stops it.
 
-mod about;
+pub(super) mod about;
+mod leftovers;
 mod plan;
 mod report;
 mod watch;
 
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
@@ -24,18 +26,21 @@ use crate::capture::{BusFacts, Source, Stop};
 use crate::channels::Stream;
 use crate::cli::RecordArgs;
 use crate::clock::Timeline;
-use crate::frame::Unit;
+use crate::frame::{Level, Unit};
 use crate::record::{
-    Allowance, BusIndex, Inlet, Outcome, Progress, Queue, RecordedBus, Recorder, Segments, Tally,
+    Allowance, BusIndex, Inlet, LEAST_FREE, Open, Outcome, Progress, Queue, RecordedBus, Recorder,
+    Segments, Tally,
 };
 use crate::recording::disk::RealDisk;
 use crate::sys::SystemClock;
+use leftovers::Leftovers;
+pub use watch::Stops;
 use watch::{Signals, Watch};
 
 /// Runs the command.
 pub fn run(args: &RecordArgs) -> Result<Ended> {
     let specs = parse_buses(&args.buses)?;
-    let plan = Plan::of(args);
+    let plan = Plan::of(args)?;
     let names: Vec<String> = specs.iter().map(|spec| spec.name.clone()).collect();
     let definitions = definitions::load(&args.decode, &names, Vec::new())?;
     let runtime = runtime()?;
@@ -107,6 +112,7 @@ pub async fn record(buses: Vec<Bus>, definitions: Definitions, plan: &Plan) -> R
     // Before the file is made, so that Ctrl-C from here on ends with a finished file.
     let mut signals = Signals::new()?;
     let desk = Desk::new(&buses, plan);
+    let leftovers = Leftovers::find(plan);
     let reason = Arc::new(Mutex::new(String::new()));
     let writer = desk.start_writer(&buses, definitions, plan, reason.clone())?;
     let allowance = Allowance::new(plan.count);
@@ -114,6 +120,7 @@ pub async fn record(buses: Vec<Bus>, definitions: Definitions, plan: &Plan) -> R
     let local = LocalSet::new();
     let mut sources = desk.start_sources(buses, &allowance, &stop, &local)?;
 
+    let at_work = leftovers.recover(desk.progress.clone());
     let mut watch = Watch {
         timeline: &desk.timeline,
         progress: &desk.progress,
@@ -135,6 +142,7 @@ pub async fn record(buses: Vec<Bus>, definitions: Definitions, plan: &Plan) -> R
     if tokio::time::timeout(PATIENCE, local.run_until(drained)).await.is_err() {
         watch.errors.push("a source did not stop within 3 s and was left behind".to_owned());
     }
+    drop(at_work);
     let (mut status, errors) = (watch.status, watch.errors);
     // With the sources go their inlets, which hand over what they still owe.
     drop(sources);
@@ -180,12 +188,21 @@ impl Desk {
         reason: Arc<Mutex<String>>,
     ) -> Result<JoinHandle<Outcome>> {
         let target = plan.target.clone();
+        let mut retention = plan.retention();
+        if let Some(retention) = &mut retention {
+            let nothing = Open { path: Path::new(""), bytes: 0, holds_event: false };
+            let need = LEAST_FREE.saturating_sub(plan.limits.map_or(0, |limits| limits.min_free));
+            for text in retention.make_room(need, nothing, self.timeline.now()).said {
+                self.progress.remark(Level::Info, text);
+            }
+        }
         let segments = Segments::new(Box::new(RealDisk), target, plan.split, plan.writer)?;
         let recorded = buses.iter().zip(&self.tallies).zip(definitions.streams);
         let recorded = recorded.map(|((bus, tally), stream)| bus.recorded(tally, stream)).collect();
         let recorder = Recorder::start(
             self.queue.clone(),
             segments,
+            retention,
             recorded,
             self.timeline.clone(),
             plan.pace,

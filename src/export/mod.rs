@@ -2,6 +2,7 @@
 
 pub mod can_table;
 pub mod catalogue;
+pub mod frames;
 pub mod message_table;
 pub mod output;
 pub mod parquet;
@@ -72,6 +73,8 @@ pub struct BusHead {
 pub trait FrameWriter {
     /// Writes a frame. `bus` is an index into the names given at creation.
     fn write(&mut self, bus: u16, frame: &Stamped<Frame>) -> io::Result<()>;
+    /// Makes a bus known that was not at creation: its index is the next one.
+    fn add_bus(&mut self, bus: &BusHead) -> io::Result<()>;
     /// Completes the output. What the format could not keep is in [`FrameWriter::unkept`].
     fn finish(&mut self) -> io::Result<()>;
     /// What this format cannot keep and how often that happened: ("direction", 12),

@@ -95,7 +95,7 @@ pub fn open(input: Box<dyn Read>, head: &[u8]) -> Result<Reader, ImportError> {
         )
     })?;
     let mut lines = Lines::new(input);
-    lines.next()?;
+    lines.next_line()?;
     let (names, skipped) = (Names::default(), Skipped::default());
     Ok(Reader { lines, columns, separator, names, skipped, notes: Vec::new(), relative: false })
 }
@@ -105,7 +105,7 @@ impl LogReader for Reader {
         let Self { lines, columns, separator, names, skipped, .. } = self;
         let enough = into.len() + BATCH;
         while into.len() < enough {
-            let Some((number, text)) = lines.next()? else {
+            let Some((number, text)) = lines.next_line()? else {
                 lines.report_end(skipped, &mut self.notes);
                 return Ok(false);
             };

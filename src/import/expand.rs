@@ -1,7 +1,7 @@
 //! The bytes of a log, expanded where they are compressed, as a stream.
 
 use std::cell::Cell;
-use std::io::{self, BufReader, ErrorKind, Read};
+use std::io::{self, BufReader, ErrorKind, Read, Seek, SeekFrom};
 use std::rc::Rc;
 
 /// Expanded data that cannot be a log: text compresses 5 to 30 times, and no log of this size
@@ -59,6 +59,12 @@ impl<R: Read> Read for Counted<R> {
         let count = self.input.read(into)?;
         self.taken.set(self.taken.get() + count as u64);
         Ok(count)
+    }
+}
+
+impl<R: Seek> Seek for Counted<R> {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        self.input.seek(to)
     }
 }
 

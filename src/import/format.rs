@@ -2,12 +2,12 @@
 
 use std::cell::Cell;
 use std::fs::File;
-use std::io::{self, Read};
+use std::io::{self, BufReader, Read};
 use std::path::Path;
 use std::rc::Rc;
 
 use super::expand::{Compression, Counted, expanded};
-use super::{ImportError, LogReader, Settings, asc, candump, csv, pcap, raw, trc};
+use super::{ImportError, LogReader, Settings, asc, blf, candump, csv, mf4, pcap, raw, trc};
 
 /// So much of a file is looked at to find its format.
 const HEAD: usize = 64 << 10;
@@ -23,6 +23,10 @@ pub enum Format {
     Trc,
     /// pcap or pcapng with SocketCAN frames
     Pcap,
+    /// Vector BLF
+    Blf,
+    /// ASAM MDF 4 with bus logging
+    Mf4,
     /// CSV of frames, as bustape and python-can write it
     Csv,
     /// Bytes of a serial line, without anything else
@@ -37,6 +41,8 @@ impl Format {
             Self::Asc => "Vector ASC",
             Self::Trc => "PEAK TRC",
             Self::Pcap => "pcap",
+            Self::Blf => "Vector BLF",
+            Self::Mf4 => "MDF 4",
             Self::Csv => "CSV",
             Self::Raw => "raw bytes",
         }
@@ -45,7 +51,9 @@ impl Format {
     /// The format of a log with this beginning.
     pub fn of(head: &[u8]) -> Option<Self> {
         // From those that a few bytes tell for certain to those that a text may resemble.
-        let known: [(Self, fn(&[u8]) -> bool); 5] = [
+        let known: [(Self, Recognises); 7] = [
+            (Self::Blf, blf::recognises),
+            (Self::Mf4, mf4::recognises),
             (Self::Pcap, pcap::recognises),
             (Self::Trc, trc::recognises),
             (Self::Asc, asc::recognises),
@@ -55,6 +63,9 @@ impl Format {
         known.into_iter().find(|(_, recognises)| recognises(head)).map(|(format, _)| format)
     }
 }
+
+/// Tells a format by the first bytes.
+type Recognises = fn(&[u8]) -> bool;
 
 /// A log that is open.
 pub struct Opened {
@@ -95,12 +106,29 @@ pub fn open(
         head = head_of(&mut input)?;
     }
     let format = format.or_else(|| Format::of(&head)).ok_or_else(|| unknown(&head))?;
+    // The readers of these seek in their file.
+    if compression.is_none() && size.is_some() {
+        let file = || File::open(path).map(BufReader::new);
+        let reader: Option<Box<dyn LogReader>> = match format {
+            Format::Blf => Some(Box::new(blf::open(file()?)?)),
+            Format::Mf4 => Some(Box::new(mf4::open(file()?)?)),
+            _ => None,
+        };
+        if let Some(reader) = reader {
+            return Ok(Opened { reader, format, compression, size, taken });
+        }
+    }
     let whole: Box<dyn Read> = Box::new(io::Cursor::new(head.clone()).chain(input));
     let reader: Box<dyn LogReader> = match format {
         Format::Candump => Box::new(candump::open(whole, &head, settings)),
         Format::Asc => Box::new(asc::open(whole, settings)),
         Format::Trc => Box::new(trc::open(whole, settings)),
         Format::Pcap => Box::new(pcap::open(whole)?),
+        Format::Blf | Format::Mf4 => {
+            let name = format.name();
+            let text = format!("{name} is read from a file only, not compressed or from a pipe");
+            return Err(ImportError::Format(text));
+        }
         Format::Csv => Box::new(csv::open(whole, &head)?),
         Format::Raw => Box::new(raw::open(whole, settings)?),
     };
@@ -132,7 +160,7 @@ fn unknown(head: &[u8]) -> ImportError {
     ImportError::Format(if head.is_empty() {
         "it is empty".to_owned()
     } else {
-        "its content is of no format that is known (candump, Vector ASC, PEAK TRC, pcap, pcapng, \
+        "its content is of no format that is known (candump, Vector ASC and BLF, PEAK TRC, MDF 4, pcap, pcapng, \
          CSV of frames); bytes of a serial line are taken with --format raw"
             .to_owned()
     })

@@ -53,7 +53,7 @@ impl Lines {
     ///
     /// # Errors
     /// The input gives no more bytes.
-    pub fn next(&mut self) -> io::Result<Option<(u64, &[u8])>> {
+    pub fn next_line(&mut self) -> io::Result<Option<(u64, &[u8])>> {
         // So far there is no end of line in what was searched.
         let mut searched = 0;
         loop {
@@ -141,7 +141,7 @@ mod tests {
         for step in [1, 7, 1000, 1 << 20] {
             let mut lines = Lines::new(Box::new(Drops(text.clone().into_bytes(), step)));
             let mut found = Vec::new();
-            while let Some((number, line)) = lines.next().unwrap() {
+            while let Some((number, line)) = lines.next_line().unwrap() {
                 found.push((number, String::from_utf8(line.to_vec()).unwrap()));
             }
             let cut = "x".repeat(MAX_LINE);

@@ -106,7 +106,10 @@ impl Merge {
             for (number, source) in self.sources.iter().enumerate() {
                 if source.next == source.safe {
                     // Its next frame is not known yet.
-                    if source.ended { continue } else { return }
+                    if source.ended {
+                        continue;
+                    }
+                    return;
                 }
                 let time = source.frames[source.next].frame.time;
                 if first.is_none_or(|(earliest, _)| time < earliest) {

@@ -1,6 +1,7 @@
 //! Logs of other tools, read as frames: one reader a format, one shape for what comes out.
 
 pub mod asc;
+pub mod blf;
 pub mod candump;
 pub mod csv;
 pub mod dates;
@@ -13,6 +14,9 @@ pub mod names;
 pub mod pcap;
 pub mod raw;
 pub mod trc;
+
+mod little_endian;
+pub mod mf4;
 
 use std::io;
 

@@ -27,6 +27,12 @@ pub struct State {
     pub queued: usize,
     /// Writing has ended for good.
     pub failed: bool,
+    /// The recording was finished because there is no more room.
+    pub full: bool,
+    /// Somebody asked for a new segment.
+    split: bool,
+    /// Sentences from outside that are not in the file yet.
+    remarks: Vec<Notice>,
     /// Sentences not shown yet.
     pub notices: Vec<Notice>,
 }
@@ -61,6 +67,37 @@ impl Progress {
 
     pub(super) fn queued(&self, bytes: usize) {
         self.change(|state| state.queued = bytes);
+    }
+
+    /// A sentence for the file and for the person, from somebody beside the recording.
+    pub fn remark(&self, level: Level, text: String) {
+        self.change(|state| {
+            if state.remarks.len() < NOTICES_KEPT {
+                state.remarks.push(Notice { level, text });
+            }
+        });
+    }
+
+    /// Asks for a new segment.
+    pub fn split(&self) {
+        self.change(|state| state.split = true);
+    }
+
+    /// True once after each [`Progress::split`].
+    pub(super) fn take_split(&self) -> bool {
+        let mut split = false;
+        self.change(|state| split = std::mem::take(&mut state.split));
+        split
+    }
+
+    pub(super) fn take_remarks(&self) -> Vec<Notice> {
+        let mut remarks = Vec::new();
+        self.change(|state| remarks = std::mem::take(&mut state.remarks));
+        remarks
+    }
+
+    pub(super) fn full(&self) {
+        self.change(|state| state.full = true);
     }
 
     pub(super) fn failed(&self) {

@@ -9,6 +9,7 @@ use std::time::Duration;
 use super::bus::{RecordedBus, summary};
 use super::progress::Progress;
 use super::queue::{Item, Queue};
+use super::retention::{Open, Retention, Room};
 use super::segments::{Segment, SegmentError, Segments, write_error};
 use super::tally::Totals;
 use crate::channels::Stream;
@@ -52,18 +53,25 @@ pub struct Outcome {
     pub files: Vec<std::path::PathBuf>,
     /// Why writing ended early, if it did.
     pub error: Option<SegmentError>,
+    /// The recording was finished because there was no more room.
+    pub full: bool,
 }
 
 /// The writer.
 pub struct Recorder {
     queue: Arc<Queue>,
     segments: Segments,
+    retention: Option<Retention>,
     buses: Vec<RecordedBus>,
     timeline: Timeline,
     pace: Pace,
     recording: Facts,
     attachments: Vec<Attachment>,
     progress: Arc<Progress>,
+    /// Sentences that wait for the first frame.
+    remarks: Vec<Notice>,
+    /// There is no more room: the last file is finished.
+    full: bool,
     /// `None` once writing has failed for good.
     segment: Option<Segment>,
     error: Option<SegmentError>,
@@ -81,6 +89,7 @@ impl Recorder {
     pub fn start(
         queue: Arc<Queue>,
         segments: Segments,
+        retention: Option<Retention>,
         buses: Vec<RecordedBus>,
         timeline: Timeline,
         pace: Pace,
@@ -92,6 +101,9 @@ impl Recorder {
         let mut recorder = Self {
             queue,
             segments,
+            retention,
+            remarks: Vec::new(),
+            full: false,
             before: vec![Totals::default(); buses.len()],
             segment_counts: vec![0; buses.len()],
             buses,
@@ -107,6 +119,9 @@ impl Recorder {
             last_stats: now,
         };
         recorder.open_segment(now)?;
+        if let Some(retention) = &mut recorder.retention {
+            retention.refresh();
+        }
         Ok(recorder)
     }
 
@@ -133,7 +148,7 @@ impl Recorder {
         let totals = self.buses.iter().map(|bus| bus.tally.totals()).collect();
         let files = self.segments.finished().to_vec();
         let streams = self.buses.into_iter().filter_map(|bus| bus.stream).collect();
-        Outcome { totals, streams, files, error: self.error }
+        Outcome { totals, streams, files, error: self.error, full: self.full }
     }
 
     /// Everything that was read before `time` has been taken.
@@ -206,6 +221,7 @@ impl Recorder {
         self.decode(bus, frame.time, |stream, writer| stream.take(frame, writer));
         if full {
             self.cut();
+            self.split_when_full(self.timeline.now(), false);
         }
     }
 
@@ -216,6 +232,7 @@ impl Recorder {
                 self.add_step(&step, now);
             }
         }
+        self.add_remarks(now);
         if now.since(self.last_stats) >= SECOND && self.has_frames() {
             self.add_stats(now);
         }
@@ -227,8 +244,13 @@ impl Recorder {
         if u128::from(now.since(self.last_sync)) >= self.pace.sync.as_nanos() {
             self.sync(now);
         }
+        let asked = self.progress.take_split();
+        self.split_when_full(now, asked);
+    }
+
+    fn split_when_full(&mut self, now: Timestamp, asked: bool) {
         let full = self.segment.as_ref().is_some_and(|s| self.segments.is_full(s, now));
-        if full && self.has_frames() {
+        if (full || asked) && self.has_frames() {
             self.next_segment(now);
         }
     }
@@ -237,8 +259,75 @@ impl Recorder {
         self.segment.as_ref().is_some_and(|s| s.writer.has_frames())
     }
 
+    /// Sentences about the recorder itself, for the file and the person.
+    fn add_remarks(&mut self, now: Timestamp) {
+        for remark in self.progress.take_remarks() {
+            self.remark(remark);
+        }
+        if !self.has_frames() {
+            return;
+        }
+        let Some(segment) = &mut self.segment else { return };
+        for remark in self.remarks.drain(..) {
+            segment.writer.add_notice(now, "bustape", &remark).ok();
+        }
+    }
+
+    fn remark(&mut self, remark: Notice) {
+        self.progress.notice(remark.level, remark.text.clone());
+        if self.remarks.len() < EARLY {
+            self.remarks.push(remark);
+        }
+    }
+
+    /// Makes room for what is about to be written. False when there is none.
+    fn make_room(&mut self) -> bool {
+        let now = self.timeline.now();
+        let Some(retention) = &mut self.retention else { return true };
+        let nothing = std::path::Path::new("");
+        let (need, open) = match &self.segment {
+            Some(Segment { writer, path, .. }) => {
+                let (bytes, holds_event) = (writer.position(), writer.holds_event());
+                (writer.bytes_to_come(), Open { path, bytes, holds_event })
+            }
+            None => (0, Open { path: nothing, bytes: 0, holds_event: false }),
+        };
+        let Room { said, full } = retention.make_room(need, open, now);
+        for text in said {
+            self.remark(Notice { level: Level::Info, text });
+        }
+        let Some(text) = full else { return true };
+        self.remark(Notice { level: Level::Warning, text });
+        false
+    }
+
+    /// Finishes the file in the room that was kept free for it.
+    fn end_full(&mut self) {
+        self.full = true;
+        self.add_remarks(self.timeline.now());
+        self.write_chunk();
+        if let Some(segment) = self.segment.take() {
+            let summary = summary("disk full", &self.buses, &self.segment_counts);
+            if let Err(error) = self.segments.finish(segment, summary) {
+                self.error = Some(error);
+            }
+        }
+        self.progress.full();
+    }
+
     /// Writes the open chunk and enters it in the books.
     fn cut(&mut self) {
+        if self.segment.is_none() {
+            return;
+        }
+        if self.make_room() {
+            self.write_chunk();
+        } else {
+            self.end_full();
+        }
+    }
+
+    fn write_chunk(&mut self) {
         let Some(segment) = &mut self.segment else { return };
         let result = segment.writer.cut();
         let counts: Vec<u64> = segment.writer.take_counts().collect();
@@ -281,7 +370,9 @@ impl Recorder {
         self.progress.notice(Level::Error, error.to_string());
         self.error = Some(error);
         let now = self.timeline.now();
-        if !second && self.open_segment(now).is_ok() {
+        // Where the oldest may go, the new file has more room than the failed one.
+        let room = second || self.make_room();
+        if !second && room && self.open_segment(now).is_ok() {
             self.explain_loss(now);
             return;
         }
@@ -375,8 +466,17 @@ impl Recorder {
         self.cut();
         let Some(full) = self.segment.take() else { return };
         let summary = summary("split", &self.buses, &self.segment_counts);
-        let finished = self.segments.finish(full, summary).and_then(|()| self.open_segment(now));
-        if let Err(error) = finished {
+        let finished = self.segments.finish(full, summary);
+        if finished.is_ok() {
+            if let Some(retention) = &mut self.retention {
+                retention.refresh();
+                retention.note_events();
+            }
+            if !self.make_room() {
+                return self.end_full();
+            }
+        }
+        if let Err(error) = finished.and_then(|()| self.open_segment(now)) {
             self.progress.notice(Level::Error, error.to_string());
             self.error = Some(error);
             self.progress.failed();

@@ -11,7 +11,7 @@ use crate::recording::writer::{Head, SegmentWriter, WriterOptions};
 use crate::text::compact_utc;
 
 /// Least free space to start with: anything less is full within minutes.
-const LEAST_FREE: u64 = 8 << 20;
+pub const LEAST_FREE: u64 = 8 << 20;
 
 /// Where a recording goes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -29,11 +29,34 @@ pub struct Split {
     pub size: Option<u64>,
     /// Age of the segment.
     pub time: Option<Duration>,
+    /// At full hours or days.
+    pub at: Option<Align>,
+}
+
+/// Where segments meet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Align {
+    /// At each full hour of UTC
+    Hour,
+    /// At midnight UTC
+    Day,
+}
+
+impl Align {
+    /// Number of the hour or day since 1970 that `time` is in. UTC without leap seconds, as all
+    /// times here.
+    fn number(self, time: Timestamp) -> u64 {
+        let hours = time.nanos() / 3_600_000_000_000;
+        match self {
+            Self::Hour => hours,
+            Self::Day => hours / 24,
+        }
+    }
 }
 
 impl Split {
     fn is_set(self) -> bool {
-        self.size.is_some() || self.time.is_some()
+        self.size.is_some() || self.time.is_some() || self.at.is_some()
     }
 }
 
@@ -125,9 +148,14 @@ impl Segments {
         for existing in [&path, &part] {
             if existing.symlink_metadata().is_ok() {
                 return Err(SegmentError(format!(
-                    "cannot create {}: {} exists and is not overwritten; choose another name",
+                    "cannot create {}: {} exists and is not overwritten; choose another name{}",
                     path.display(),
                     existing.display(),
+                    if *existing == part {
+                        ", or first finish it with \"bustape recover --in-place\""
+                    } else {
+                        ""
+                    },
                 )));
             }
         }
@@ -152,7 +180,8 @@ impl Segments {
             .time
             .is_some_and(|limit| u128::from(now.since(segment.started)) >= limit.as_nanos());
         let too_big = self.split.size.is_some_and(|limit| segment.writer.expected_size() >= limit);
-        too_long || too_big
+        let next = |align: Align| align.number(now) > align.number(segment.started);
+        too_long || too_big || self.split.at.is_some_and(next)
     }
 
     /// Writes the end of a segment and gives it its name.
@@ -215,7 +244,8 @@ fn next_session(folder: &Path, prefix: &str) -> io::Result<u32> {
     Ok(last.saturating_add(1))
 }
 
-fn part_of(path: &Path) -> PathBuf {
+/// The name a file has while it is written.
+pub(super) fn part_of(path: &Path) -> PathBuf {
     let mut name = path.as_os_str().to_owned();
     name.push(".part");
     name.into()
@@ -247,4 +277,21 @@ pub fn write_error(path: &Path, error: &io::Error) -> SegmentError {
          file with \"bustape convert\"",
         path.display()
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn segments_meet_at_full_hours_and_days_of_utc() {
+        let time = |text: &str| crate::text::parse_moment(text, Timestamp(0)).unwrap();
+        let noon = time("2026-11-22T12:59:59.999999999Z");
+        let one = time("2026-11-22T13:00:00Z");
+        let midnight = time("2026-11-23T00:00:00Z");
+        assert!(Align::Hour.number(one) > Align::Hour.number(noon));
+        assert_eq!(Align::Day.number(one), Align::Day.number(noon));
+        assert!(Align::Day.number(midnight) > Align::Day.number(one));
+        assert_eq!(Align::Hour.number(one.plus(3_599_999_999_999)), Align::Hour.number(one));
+    }
 }

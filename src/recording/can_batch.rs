@@ -5,15 +5,9 @@
 //! That is what makes this layout several times smaller than one message a frame; the exact rules
 //! stand in `schemas/bustape/can_batch.proto`.
 
+use super::limits::MAX_BATCH_FRAMES;
 use super::wire::{Field, Fields, put_bytes, put_uint, put_varint, take_varint, varint_len};
 use crate::frame::{CAN_MAX_DATA, CanFlags, CanFrame, Stamped, Timestamp};
-
-/// Most frames a reader accepts in one batch: bounds what a damaged file can make it allocate.
-pub const MAX_FRAMES: usize = 65_536;
-
-/// Most frames a reader accepts in the batches of one chunk, some 120 MiB of them. A writer cuts its
-/// chunk long before.
-pub const MAX_IN_CHUNK: usize = 1 << 20;
 
 /// Slots of the table that finds a frame's kind; more than twice the frames of a batch.
 const SLOTS: usize = 4_096;
@@ -307,7 +301,7 @@ impl<'a> Parts<'a> {
             }
         }
         // Each frame needs at least a byte of `kind`, so the bytes bound what is allocated.
-        let plausible = parts.count <= parts.kind.len().min(MAX_FRAMES);
+        let plausible = parts.count <= parts.kind.len().min(MAX_BATCH_FRAMES);
         (fields.sound() && plausible).then_some(parts)
     }
 }

@@ -12,13 +12,21 @@ use crate::frame::Timestamp;
 pub struct Chunk {
     /// Records as they stand in the chunk.
     records: Vec<u8>,
-    /// For each channel the entries of its message index, already serialized.
-    index: Vec<Vec<u8>>,
+    /// Bytes of `records` up to the end of the last one that is complete.
+    whole: usize,
+    index: MessageIndex,
+}
+
+/// Which messages a chunk has, for the index that follows it.
+#[derive(Default)]
+pub struct MessageIndex {
+    /// For each channel its entries, already serialized.
+    entries: Vec<Vec<u8>>,
+    /// The channels that have any.
+    used: Vec<u16>,
     start: u64,
     end: u64,
     messages: u64,
-    /// Bytes of `records` up to the end of the last one that is complete.
-    whole: usize,
 }
 
 /// A message whose payload is being appended; see [`Chunk::begin`].
@@ -57,17 +65,17 @@ impl Chunk {
         let OpenMessage { at, channel, time } = message;
         let length = (self.records.len() - at - RECORD_HEAD) as u64;
         self.records[at + 1..at + RECORD_HEAD].copy_from_slice(&length.to_le_bytes());
-        if self.index.len() <= usize::from(channel) {
-            self.index.resize_with(usize::from(channel) + 1, Vec::new);
-        }
-        let entries = &mut self.index[usize::from(channel)];
-        let mut entry = [0; INDEX_ENTRY];
-        entry[..8].copy_from_slice(&time.to_le_bytes());
-        entry[8..].copy_from_slice(&(at as u64).to_le_bytes());
-        entries.extend_from_slice(&entry);
-        self.start = if self.messages == 0 { time } else { self.start.min(time) };
-        self.end = self.end.max(time);
-        self.messages += 1;
+        self.index.note(channel, time, at as u64);
+        self.whole = self.records.len();
+    }
+
+    /// Appends a message as it stood elsewhere; `body` is the record's content.
+    pub fn copy(&mut self, channel: u16, time: u64, body: &[u8]) {
+        let at = self.records.len() as u64;
+        self.records.push(op::MESSAGE);
+        self.records.extend_from_slice(&(body.len() as u64).to_le_bytes());
+        self.records.extend_from_slice(body);
+        self.index.note(channel, time, at);
         self.whole = self.records.len();
     }
 
@@ -85,12 +93,49 @@ impl Chunk {
     /// True when there is no message. Such a chunk must not be written: readers take its start
     /// time for 1970.
     pub fn is_empty(&self) -> bool {
-        self.messages == 0
+        self.index.messages == 0
     }
 
     /// Bytes before compression.
     pub fn len(&self) -> usize {
         self.records.len()
+    }
+
+    /// The records.
+    pub fn records(&self) -> &[u8] {
+        &self.records
+    }
+
+    /// What is in it.
+    pub fn index(&self) -> &MessageIndex {
+        &self.index
+    }
+
+    /// Empties the chunk, keeping its buffers.
+    pub fn clear(&mut self) {
+        self.records.clear();
+        self.whole = 0;
+        self.index.clear();
+    }
+}
+
+impl MessageIndex {
+    /// Enters a message that stands at `offset` in the chunk's records.
+    pub fn note(&mut self, channel: u16, time: u64, offset: u64) {
+        if self.entries.len() <= usize::from(channel) {
+            self.entries.resize_with(usize::from(channel) + 1, Vec::new);
+        }
+        let entries = &mut self.entries[usize::from(channel)];
+        if entries.is_empty() {
+            self.used.push(channel);
+        }
+        let mut entry = [0; INDEX_ENTRY];
+        entry[..8].copy_from_slice(&time.to_le_bytes());
+        entry[8..].copy_from_slice(&offset.to_le_bytes());
+        entries.extend_from_slice(&entry);
+        self.start = if self.messages == 0 { time } else { self.start.min(time) };
+        self.end = self.end.max(time);
+        self.messages += 1;
     }
 
     /// Messages in it.
@@ -103,21 +148,18 @@ impl Chunk {
         (self.start, self.end)
     }
 
-    /// The records.
-    pub fn records(&self) -> &[u8] {
-        &self.records
+    /// Channels that have messages here, by id, and their entries.
+    pub fn channels(&self) -> impl Iterator<Item = (u16, &[u8])> {
+        let mut used = self.used.clone();
+        used.sort_unstable();
+        used.into_iter().map(|id| (id, &self.entries[usize::from(id)][..]))
     }
 
-    /// Channels that have messages here, and their index entries.
-    pub fn index(&self) -> impl Iterator<Item = (u16, &[u8])> {
-        (0u16..).zip(&self.index).filter(|(_, e)| !e.is_empty()).map(|(id, e)| (id, &e[..]))
-    }
-
-    /// Empties the chunk, keeping its buffers.
+    /// Empties it, keeping its buffers.
     pub fn clear(&mut self) {
-        self.records.clear();
-        self.whole = 0;
-        self.index.iter_mut().for_each(Vec::clear);
+        for channel in self.used.drain(..) {
+            self.entries[usize::from(channel)].clear();
+        }
         (self.start, self.end, self.messages) = (0, 0, 0);
     }
 }

@@ -19,9 +19,16 @@ use std::io::{self, Cursor};
 use binrw::BinWrite;
 use mcap::records::{self, op};
 
-use super::chunk::{Chunk, INDEX_ENTRY};
+use super::chunk::{Chunk, INDEX_ENTRY, MessageIndex};
 use super::definition::{Attachment, ChannelDefinition, Facts, SchemaDefinition};
 use super::disk::OutputFile;
+use super::records::{AttachmentIndex, ChunkHead};
+
+/// How our own chunks are compressed.
+const COMPRESSION: &str = "zstd";
+
+/// Statistics, offsets, footer and the last metadata record: less than this.
+const END: u64 = 16 << 10;
 
 /// The file.
 pub struct Container {
@@ -51,6 +58,13 @@ struct Groups {
 impl Container {
     /// Writes the head of a new file. `level` is zstd's.
     pub fn create(out: Box<dyn OutputFile>, level: i32) -> io::Result<Self> {
+        let library = format!("bustape/{}", env!("CARGO_PKG_VERSION"));
+        let header = records::Header { profile: String::new(), library };
+        Self::create_like(out, level, &body(&header)?)
+    }
+
+    /// Writes the head of a new file with the content of another file's header record.
+    pub fn create_like(out: Box<dyn OutputFile>, level: i32, header: &[u8]) -> io::Result<Self> {
         let mut container = Self {
             out,
             position: 0,
@@ -63,10 +77,8 @@ impl Container {
             groups: Groups::default(),
             statistics: empty_statistics(),
         };
-        let library = format!("bustape/{}", env!("CARGO_PKG_VERSION"));
-        let header = records::Header { profile: String::new(), library };
         let mut head = mcap::MAGIC.to_vec();
-        put(&mut head, op::HEADER, &header)?;
+        put_bytes(&mut head, op::HEADER, header);
         container.append(&head)?;
         Ok(container)
     }
@@ -75,14 +87,55 @@ impl Container {
     pub fn metadata(&mut self, name: &str, facts: Facts) -> io::Result<()> {
         let record = records::Metadata { name: name.to_owned(), metadata: facts };
         let bytes = record_bytes(op::METADATA, &record)?;
-        let index = records::MetadataIndex {
-            offset: self.position,
-            length: bytes.len() as u64,
-            name: record.name,
-        };
-        self.append(&bytes)?;
+        self.copy_metadata(&bytes, name)
+    }
+
+    /// Writes a metadata record as it stands elsewhere.
+    pub fn copy_metadata(&mut self, record: &[u8], name: &str) -> io::Result<()> {
+        let (offset, length) = (self.position, record.len() as u64);
+        let index = records::MetadataIndex { offset, length, name: name.to_owned() };
+        self.append(record)?;
         self.statistics.metadata_count += 1;
         put(&mut self.groups.metadata, op::METADATA_INDEX, &index)
+    }
+
+    /// Writes a record of which only its own program knows what it is.
+    pub fn copy_private(&mut self, record: &[u8]) -> io::Result<()> {
+        self.append(record)
+    }
+
+    /// Writes an attachment record as it stands elsewhere, piece by piece.
+    pub fn copy_attachment(
+        &mut self,
+        index: &AttachmentIndex,
+        pieces: impl Iterator<Item = Vec<u8>>,
+    ) -> io::Result<()> {
+        let index = records::AttachmentIndex {
+            offset: self.position,
+            length: index.length,
+            log_time: index.log_time,
+            create_time: index.create_time,
+            data_size: index.size,
+            name: index.name.clone(),
+            media_type: index.media_type.clone(),
+        };
+        for piece in pieces {
+            self.append(&piece)?;
+        }
+        self.statistics.attachment_count += 1;
+        put(&mut self.groups.attachments, op::ATTACHMENT_INDEX, &index)
+    }
+
+    /// Enters a schema record that stands in a copied chunk in the summary.
+    pub fn enter_schema(&mut self, record: &[u8]) {
+        self.groups.schemas.extend_from_slice(record);
+        self.statistics.schema_count += 1;
+    }
+
+    /// Enters a channel record that stands in a copied chunk in the summary.
+    pub fn enter_channel(&mut self, record: &[u8]) {
+        self.groups.channels.extend_from_slice(record);
+        self.statistics.channel_count += 1;
     }
 
     /// Writes an attachment; `time` is nanoseconds since 1970.
@@ -169,55 +222,86 @@ impl Container {
         if chunk.is_empty() {
             return Ok(());
         }
-        let mut block = std::mem::take(&mut self.block);
-        block.clear();
-        let (start, end) = chunk.span();
-        let compression = self.compress(chunk.records())?;
+        let (start, end) = chunk.index().span();
+        self.compress(chunk.records())?;
         let header = records::ChunkHeader {
             message_start_time: start,
             message_end_time: end,
             uncompressed_size: chunk.len() as u64,
             uncompressed_crc: crc32fast::hash(chunk.records()),
-            compression: compression.to_owned(),
+            compression: COMPRESSION.to_owned(),
             compressed_size: self.compressed.len() as u64,
         };
         let head = body(&header)?;
+        let mut block = std::mem::take(&mut self.block);
+        block.clear();
         block.push(op::CHUNK);
         block.extend_from_slice(&((head.len() + self.compressed.len()) as u64).to_le_bytes());
         block.extend_from_slice(&head);
         block.extend_from_slice(&self.compressed);
-        let chunk_length = block.len() as u64;
-        let message_index_offsets = self.put_message_indexes(chunk, &mut block);
-        let index = records::ChunkIndex {
-            message_start_time: start,
-            message_end_time: end,
-            chunk_start_offset: self.position,
-            chunk_length,
-            message_index_offsets,
-            message_index_length: block.len() as u64 - chunk_length,
-            compression: header.compression,
-            compressed_size: header.compressed_size,
-            uncompressed_size: header.uncompressed_size,
-        };
-        self.append(&block)?;
+        let sizes = (header.uncompressed_size, header.compressed_size);
+        let written = self.write_block(&mut block, chunk.index(), header.compression, sizes);
         self.block = block;
-        put(&mut self.groups.chunks, op::CHUNK_INDEX, &index)?;
-        self.count(chunk);
+        written?;
         chunk.clear();
         Ok(())
     }
 
-    fn compress(&mut self, records: &[u8]) -> io::Result<&'static str> {
+    /// Writes a chunk record as it stands elsewhere, with an index of what is in it.
+    pub fn copy_chunk(
+        &mut self,
+        record: &[u8],
+        head: &ChunkHead<'_>,
+        index: &MessageIndex,
+    ) -> io::Result<()> {
+        let mut block = std::mem::take(&mut self.block);
+        block.clear();
+        block.extend_from_slice(record);
+        let sizes = (head.uncompressed, head.compressed);
+        let written = self.write_block(&mut block, index, head.compression.to_owned(), sizes);
+        self.block = block;
+        written
+    }
+
+    /// Writes the chunk record in `block` with its index in one piece.
+    fn write_block(
+        &mut self,
+        block: &mut Vec<u8>,
+        messages: &MessageIndex,
+        compression: String,
+        (uncompressed_size, compressed_size): (u64, u64),
+    ) -> io::Result<()> {
+        let chunk_length = block.len() as u64;
+        let message_index_offsets = self.put_message_indexes(messages, block);
+        let (message_start_time, message_end_time) = messages.span();
+        let index = records::ChunkIndex {
+            message_start_time,
+            message_end_time,
+            chunk_start_offset: self.position,
+            chunk_length,
+            message_index_offsets,
+            message_index_length: block.len() as u64 - chunk_length,
+            compression,
+            compressed_size,
+            uncompressed_size,
+        };
+        self.append(block)?;
+        put(&mut self.groups.chunks, op::CHUNK_INDEX, &index)?;
+        self.count(messages);
+        Ok(())
+    }
+
+    fn compress(&mut self, records: &[u8]) -> io::Result<()> {
         self.compressed.clear();
         self.compressed.reserve(zstd::zstd_safe::compress_bound(records.len()));
         self.zstd.compress_to_buffer(records, &mut self.compressed)?;
-        Ok("zstd")
+        Ok(())
     }
 
     /// Appends the index of each channel and returns where in the file each will stand.
-    fn put_message_indexes(&self, chunk: &Chunk, block: &mut Vec<u8>) -> BTreeMap<u16, u64> {
+    fn put_message_indexes(&self, index: &MessageIndex, block: &mut Vec<u8>) -> BTreeMap<u16, u64> {
         let mut offsets = BTreeMap::new();
-        for (channel, entries) in chunk.index() {
+        for (channel, entries) in index.channels() {
             offsets.insert(channel, self.position + block.len() as u64);
             block.push(op::MESSAGE_INDEX);
             block.extend_from_slice(&((2 + 4 + entries.len()) as u64).to_le_bytes());
@@ -229,16 +313,16 @@ impl Container {
         offsets
     }
 
-    fn count(&mut self, chunk: &Chunk) {
-        let (start, end) = chunk.span();
+    fn count(&mut self, index: &MessageIndex) {
+        let (start, end) = index.span();
         let statistics = &mut self.statistics;
         let first = statistics.message_count == 0;
         statistics.message_start_time =
             if first { start } else { statistics.message_start_time.min(start) };
         statistics.message_end_time = statistics.message_end_time.max(end);
-        statistics.message_count += chunk.messages();
+        statistics.message_count += index.messages();
         statistics.chunk_count += 1;
-        for (channel, entries) in chunk.index() {
+        for (channel, entries) in index.channels() {
             *statistics.channel_message_counts.entry(channel).or_default() +=
                 (entries.len() / INDEX_ENTRY) as u64;
         }
@@ -305,6 +389,13 @@ impl Container {
     /// Bytes in the file so far.
     pub fn position(&self) -> u64 {
         self.position
+    }
+
+    /// About as many bytes as the end of the file will take.
+    pub fn tail(&self) -> u64 {
+        let Groups { schemas, channels, chunks, attachments, metadata } = &self.groups;
+        let groups = [schemas, channels, chunks, attachments, metadata];
+        groups.iter().map(|group| group.len() as u64).sum::<u64>() + END
     }
 
     /// True after an error: the file stays as it is.

@@ -2,7 +2,7 @@
 
 use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
-use std::os::unix::fs::OpenOptionsExt as _;
+use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::Path;
 
 /// Where files are made.
@@ -21,6 +21,9 @@ pub trait Disk: Send {
 
     /// Bytes that may still be written in a folder.
     fn free(&self, folder: &Path) -> io::Result<u64>;
+
+    /// Size of the disk that a folder is on, in bytes.
+    fn capacity(&self, folder: &Path) -> io::Result<u64>;
 }
 
 /// A file being written.
@@ -36,6 +39,10 @@ pub struct RealDisk;
 impl Disk for RealDisk {
     fn create(&self, path: &Path) -> io::Result<Box<dyn OutputFile>> {
         let file = OpenOptions::new().write(true).create_new(true).mode(0o640).open(path)?;
+        // Tells everybody that it is being written, for as long as it is open. The name is new, so
+        // at most somebody who looks whether it is locked has to be waited for. Where a file system
+        // has no locks, nobody can be told.
+        file.lock().ok();
         Ok(Box::new(file))
     }
 
@@ -63,12 +70,36 @@ impl Disk for RealDisk {
         let stat = nix::sys::statvfs::statvfs(folder)?;
         Ok(stat.blocks_available().saturating_mul(stat.fragment_size()))
     }
+
+    fn capacity(&self, folder: &Path) -> io::Result<u64> {
+        let stat = nix::sys::statvfs::statvfs(folder)?;
+        Ok(stat.blocks().saturating_mul(stat.fragment_size()))
+    }
 }
 
 impl OutputFile for File {
     fn sync(&mut self) -> io::Result<()> {
         self.sync_data()
     }
+}
+
+/// True if both names lead to one file.
+pub fn is_same(file: &Path, other: &Path) -> bool {
+    let identity = |path: &Path| path.metadata().ok().map(|about| (about.dev(), about.ino()));
+    identity(file).is_some_and(|found| Some(found) == identity(other))
+}
+
+/// The process that has locked a file, as `/proc/locks` tells (proc(5)).
+pub fn holder(path: &Path) -> Option<u32> {
+    use nix::sys::stat::{major, minor};
+    let about = path.metadata().ok()?;
+    let (device, inode) = (about.dev(), about.ino());
+    let wanted = format!("{:02x}:{:02x}:{inode}", major(device), minor(device));
+    let locks = std::fs::read_to_string("/proc/locks").ok()?;
+    // "1: FLOCK  ADVISORY  WRITE 1234 08:01:5678 0 EOF"
+    let fields = locks.lines().map(|line| line.split_whitespace().collect::<Vec<_>>());
+    let mut held = fields.filter(|fields| fields.get(1) == Some(&"FLOCK"));
+    held.find(|fields| fields.get(5) == Some(&wanted.as_str()))?.get(4)?.parse().ok()
 }
 
 /// The folder a file stands in; `.` for a bare name.

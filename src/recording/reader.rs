@@ -1,11 +1,12 @@
 //! A recording, opened for reading: one or many segment files as one row of frames in time order.
 
 use std::ops::RangeInclusive;
-use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 
 use mcap::records::op;
 
+use super::disk::is_same;
+use super::limits::MAX_CHUNK_FRAMES;
 use super::records::{ChunkRef, Message, Record, channel_bit, records};
 use super::segment::{Ending, ReadError, Segment};
 use super::{can_batch, can_frame, message};
@@ -70,7 +71,7 @@ impl Recording {
 
     /// Log times of the first and last message.
     pub fn span(&self) -> Option<(Timestamp, Timestamp)> {
-        let spans = || self.segments.iter().map(|s| s.statistics.span).filter(|s| s.0 != 0);
+        let spans = || self.segments.iter().map(|s| s.statistics.span).filter(|s| s.1 != 0);
         let (start, end) = (spans().map(|s| s.0).min()?, spans().map(|s| s.1).max()?);
         Some((Timestamp(start), Timestamp(end)))
     }
@@ -262,12 +263,10 @@ impl Entries<'_> {
         let (mut consumed, before) = (0, self.ready.len());
         for Record { opcode, body } in records(bytes) {
             consumed += super::records::HEAD + body.len();
-            if self.ready.len() - before > can_batch::MAX_IN_CHUNK {
+            if self.ready.len() - before > MAX_CHUNK_FRAMES {
                 let path = self.recording.segments[segment].path.display();
                 self.damage.push(format!(
-                    "{path}: a chunk with more than {} frames: the rest is passed over",
-                    can_batch::MAX_IN_CHUNK
-                ));
+                    "{path}: a chunk with more than {MAX_CHUNK_FRAMES} frames: the rest is passed over"));
                 consumed = bytes.len();
                 break;
             }
@@ -349,7 +348,8 @@ fn bus_names(segment: &Segment) -> Vec<String> {
     names
 }
 
-fn files_of(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
+/// The recordings that a path stands for: itself, or those in a folder, by name.
+pub fn files_of(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
     if !path.is_dir() {
         return Ok(vec![path.to_owned()]);
     }
@@ -377,10 +377,4 @@ fn files_of(path: &Path) -> Result<Vec<PathBuf>, ReadError> {
 
 fn ends_with_part(file: &Path) -> bool {
     file.extension().is_some_and(|extension| extension == "part")
-}
-
-/// True if both names lead to one file.
-fn is_same(file: &Path, other: &Path) -> bool {
-    let identity = |path: &Path| path.metadata().ok().map(|about| (about.dev(), about.ino()));
-    identity(file).is_some_and(|found| Some(found) == identity(other))
 }

@@ -95,6 +95,10 @@ pub struct AttachmentIndex {
     pub offset: u64,
     /// Of its record, with opcode and length.
     pub length: u64,
+    /// When it was recorded, nanoseconds since 1970.
+    pub log_time: u64,
+    /// When it was made, nanoseconds since 1970, or 0.
+    pub create_time: u64,
     /// Bytes of the attachment itself.
     pub size: u64,
     /// Its name, as the file says: not to be used as a path.
@@ -158,6 +162,43 @@ impl Schema {
     }
 }
 
+impl Schema {
+    /// The content of its record.
+    pub fn body(&self) -> Vec<u8> {
+        let mut body = self.id.to_le_bytes().to_vec();
+        put_text(&mut body, &self.name);
+        put_text(&mut body, &self.encoding);
+        put_sized(&mut body, &self.data);
+        body
+    }
+}
+
+impl Channel {
+    /// The content of its record.
+    pub fn body(&self) -> Vec<u8> {
+        let mut body = [self.id.to_le_bytes(), self.schema.to_le_bytes()].concat();
+        put_text(&mut body, &self.topic);
+        put_text(&mut body, &self.encoding);
+        let mut facts = Vec::new();
+        for (key, value) in &self.metadata {
+            put_text(&mut facts, key);
+            put_text(&mut facts, value);
+        }
+        put_sized(&mut body, &facts);
+        body
+    }
+}
+
+fn put_text(out: &mut Vec<u8>, text: &str) {
+    put_sized(out, text.as_bytes());
+}
+
+fn put_sized(out: &mut Vec<u8>, bytes: &[u8]) {
+    // What is put here was read from a record, so it is shorter than one.
+    out.extend_from_slice(&u32::try_from(bytes.len()).unwrap_or(u32::MAX).to_le_bytes());
+    out.extend_from_slice(bytes);
+}
+
 impl Channel {
     /// Reads a channel record.
     pub fn of(body: &[u8]) -> Option<Self> {
@@ -193,21 +234,40 @@ impl AttachmentIndex {
     pub fn of(body: &[u8]) -> Option<Self> {
         let mut reader = Reader(body);
         let (offset, length) = (reader.u64()?, reader.u64()?);
-        let _times = (reader.u64()?, reader.u64()?);
+        let (log_time, create_time) = (reader.u64()?, reader.u64()?);
         let size = reader.u64()?;
         let (name, media_type) = (reader.text()?.to_owned(), reader.text()?.to_owned());
-        Some(Self { offset, length, size, name, media_type })
+        Some(Self { offset, length, log_time, create_time, size, name, media_type })
+    }
+
+    /// Reads the start of an attachment record that stands at `offset` and is `length` bytes long
+    /// in all: its index entry, and the data as far as they are in `start`.
+    pub fn of_start(offset: u64, length: u64, start: &[u8]) -> Option<(Self, &[u8])> {
+        let mut reader = Reader(start);
+        let (log_time, create_time) = (reader.u64()?, reader.u64()?);
+        let (name, media_type) = (reader.text()?.to_owned(), reader.text()?.to_owned());
+        let size = reader.u64()?;
+        // Opcode and length in front, a checksum behind.
+        let around = (HEAD + start.len() - reader.0.len() + 4) as u64;
+        let fits = size.checked_add(around) == Some(length);
+        let index = Self { offset, length, log_time, create_time, size, name, media_type };
+        fits.then_some((index, reader.0))
     }
 
     /// Reads an attachment record that stands at `offset`: its index entry and its data.
     pub fn of_attachment(offset: u64, body: &[u8]) -> Option<(Self, &[u8])> {
-        let mut reader = Reader(body);
-        let _times = (reader.u64()?, reader.u64()?);
-        let (name, media_type) = (reader.text()?.to_owned(), reader.text()?.to_owned());
-        let size = reader.u64()?;
-        let data = reader.bytes(usize::try_from(size).ok()?)?;
-        let length = (HEAD + body.len()) as u64;
-        Some((Self { offset, length, size, name, media_type }, data))
+        let (index, data) = Self::of_start(offset, (HEAD + body.len()) as u64, body)?;
+        let data = data.get(..usize::try_from(index.size).ok()?)?;
+        Some((index, data))
+    }
+}
+
+impl AttachmentIndex {
+    /// True if an attachment's checksum, where it has one, is that of its bytes.
+    pub fn is_intact(body: &[u8]) -> bool {
+        let Some((covered, crc)) = body.split_last_chunk::<4>() else { return false };
+        let crc = u32::from_le_bytes(*crc);
+        Self::of_attachment(0, body).is_some() && (crc == 0 || crc32fast::hash(covered) == crc)
     }
 }
 
@@ -244,6 +304,12 @@ impl Statistics {
     }
 }
 
+/// True if `body` is a header record's: profile and library.
+pub fn is_header(body: &[u8]) -> bool {
+    let mut reader = Reader(body);
+    reader.text().and_then(|_| reader.text()).is_some() && reader.0.is_empty()
+}
+
 /// Reads a metadata record: its name and content.
 pub fn metadata(body: &[u8]) -> Option<(String, Facts)> {
     let mut reader = Reader(body);
@@ -261,6 +327,15 @@ pub fn message_index(body: &[u8]) -> Option<(u16, u64)> {
     let mut reader = Reader(body);
     let (channel, length) = (reader.u16()?, reader.u32()?);
     Some((channel, u64::from(length) / super::chunk::INDEX_ENTRY as u64))
+}
+
+/// Reads a message index record whose shape is exact: the channel, and each entry's time and offset.
+pub fn message_index_entries(body: &[u8]) -> Option<(u16, impl Iterator<Item = (u64, u64)> + '_)> {
+    let mut reader = Reader(body);
+    let (channel, length) = (reader.u16()?, reader.u32()?);
+    let whole = reader.0.len() as u64 == u64::from(length) && length.is_multiple_of(16);
+    let entries = std::iter::from_fn(move || Some((reader.u64()?, reader.u64()?)));
+    whole.then_some((channel, entries))
 }
 
 /// Reads a footer: where the summary starts (0 for none), and its CRC-32 (0 for none).

@@ -13,17 +13,12 @@ use std::path::{Path, PathBuf};
 use mcap::records::op;
 
 use super::definition::Facts;
+use super::limits::{MAX_DEFINITIONS, MAX_RECORD, MAX_SUMMARY};
 use super::records::{
     self, AttachmentIndex, Channel, ChunkHead, ChunkRef, HEAD, Message, Record, Schema, Statistics,
     records,
 };
-
-/// Largest record taken into memory, except a summary. Our own chunks are at most a few MiB.
-pub const MAX_RECORD: u64 = 64 << 20;
-/// Largest summary: some 2 million chunks.
-const MAX_SUMMARY: u64 = 256 << 20;
-/// Largest chunk after decompression.
-pub const MAX_CHUNK: u64 = 64 << 20;
+use super::unpack::unpack;
 
 /// Footer record and closing magic.
 const TAIL: usize = HEAD + 8 + 8 + 4 + mcap::MAGIC.len();
@@ -63,6 +58,7 @@ pub struct Segment {
     /// Its chunks, in the order of the file.
     pub chunks: Vec<ChunkRef>,
     file: File,
+    definition_bytes: usize,
 }
 
 /// A file that cannot be read as a recording. The text is the whole sentence.
@@ -70,14 +66,16 @@ pub struct Segment {
 #[error("{0}")]
 pub struct ReadError(pub String);
 
+fn cannot_read(path: &Path, error: &io::Error) -> ReadError {
+    ReadError(format!("cannot read {}: {error}", path.display()))
+}
+
 impl Segment {
     /// Opens a file.
     pub fn open(path: &Path) -> Result<Self, ReadError> {
-        let failed =
-            |error: io::Error| ReadError(format!("cannot read {}: {error}", path.display()));
+        let failed = |error: io::Error| cannot_read(path, &error);
         let file = File::open(path).map_err(failed)?;
         let about = file.metadata().map_err(failed)?;
-        let size = about.len();
         let mut magic = [0; mcap::MAGIC.len()];
         if !about.is_file() || file.read_exact_at(&mut magic, 0).is_err() || magic != *mcap::MAGIC {
             return Err(ReadError(format!(
@@ -85,7 +83,29 @@ impl Segment {
                 path.display()
             )));
         }
-        let mut segment = Self {
+        let mut segment = Self::blank(path, file, about.len());
+        if !segment.open_by_summary().map_err(failed)? {
+            segment.scan().map_err(failed)?;
+        }
+        Ok(segment)
+    }
+
+    /// What the summary of a file says, if it has a sound one; the rest may be damaged.
+    pub fn of_summary(path: &Path) -> Result<Option<Self>, ReadError> {
+        let failed = |error: io::Error| cannot_read(path, &error);
+        let file = File::open(path).map_err(failed)?;
+        let size = file.metadata().map_err(failed)?.len();
+        let mut segment = Self::blank(path, file, size);
+        // A disk that cannot read the end of the file has no summary to offer.
+        Ok(segment.open_by_summary().unwrap_or(false).then_some(segment))
+    }
+
+    fn open_by_summary(&mut self) -> io::Result<bool> {
+        Ok(self.read_summary()?.is_some_and(|bytes| self.take_summary(&bytes)))
+    }
+
+    fn blank(path: &Path, file: File, size: u64) -> Self {
+        Self {
             path: path.to_owned(),
             size,
             ending: Ending::Finished,
@@ -96,12 +116,8 @@ impl Segment {
             attachments: Vec::new(),
             chunks: Vec::new(),
             file,
-        };
-        let summary = segment.read_summary().map_err(failed)?;
-        if !summary.is_some_and(|bytes| segment.take_summary(&bytes)) {
-            segment.scan().map_err(failed)?;
+            definition_bytes: 0,
         }
-        Ok(segment)
     }
 
     /// The bytes of the summary section, if the file has one and it is whole.
@@ -175,6 +191,11 @@ impl Segment {
     }
 
     fn take_definition(&mut self, opcode: u8, body: &[u8]) -> bool {
+        // Ids are 16 bits, but what stands behind each may be large.
+        self.definition_bytes = self.definition_bytes.saturating_add(body.len());
+        if self.definition_bytes > MAX_DEFINITIONS {
+            return false;
+        }
         if opcode == op::SCHEMA {
             return Schema::of(body).map(|s| self.schemas.insert(s.id, s)).is_some();
         }
@@ -188,6 +209,7 @@ impl Segment {
         self.metadata.clear();
         self.attachments.clear();
         self.chunks.clear();
+        self.definition_bytes = 0;
     }
 
     /// Walks a file without a usable summary from record to record.
@@ -242,7 +264,7 @@ impl Segment {
             [0, 8].map(|i| u64::from_le_bytes(std::array::from_fn(|byte| times[i + byte])));
         self.chunks.push(ChunkRef { start, end: stop, offset: at, length: end - at, channels: 0 });
         let span = &mut self.statistics.span;
-        *span = if span.0 == 0 { (start, stop) } else { (span.0.min(start), span.1.max(stop)) };
+        *span = if span.1 == 0 { (start, stop) } else { (span.0.min(start), span.1.max(stop)) };
         Ok(())
     }
 
@@ -332,32 +354,7 @@ impl Segment {
         let record = record.ok_or("there is no chunk there")?;
         let (head, rest) = ChunkHead::of(record.body).ok_or("its head is cut")?;
         let compressed = usize::try_from(head.compressed).ok().and_then(|n| rest.get(..n));
-        let compressed = compressed.ok_or("its data are cut")?;
-        if head.uncompressed > MAX_CHUNK {
-            return Err(format!(
-                "it claims {} bytes uncompressed, more than the {MAX_CHUNK} that are read",
-                head.uncompressed
-            ));
-        }
-        let size = usize::try_from(head.uncompressed).map_err(|e| e.to_string())?;
-        out.clear();
-        match head.compression {
-            "" => out.extend_from_slice(compressed),
-            "zstd" => {
-                out.reserve(size);
-                zstd::bulk::Decompressor::new()
-                    .and_then(|mut zstd| zstd.decompress_to_buffer(compressed, out))
-                    .map_err(|e| format!("it cannot be decompressed: {e}"))?;
-            }
-            other => return Err(format!("its compression \"{other}\" is not known")),
-        }
-        if out.len() != size {
-            return Err(format!("it has {} bytes, not the {size} it claims", out.len()));
-        }
-        if head.crc != 0 && crc32fast::hash(out) != head.crc {
-            return Err("its checksum is wrong".to_owned());
-        }
-        Ok(())
+        unpack(&head, compressed.ok_or("its data are cut")?, out).map_err(|why| why.to_string())
     }
 
     /// Reads an attachment's data.

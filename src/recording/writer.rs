@@ -5,15 +5,19 @@
 
 use std::io;
 
-use super::can_batch::{self, BatchBuilder};
+use super::can_batch::BatchBuilder;
 use super::chunk::Chunk;
 use super::container::Container;
 use super::definition::{Attachment, ChannelDefinition, Facts, SchemaDefinition};
 use super::disk::OutputFile;
+use super::limits::MAX_CHUNK_FRAMES;
 use super::schema::{self, Schema, bustape};
 use super::{can_frame, message, wire};
 use crate::frame::{CanFrame, Frame, Gap, Notice, SerialBytes, Stamped, Timestamp};
 use crate::record::weight;
+
+/// Where events stand: marks and triggers.
+pub const EVENT_TOPIC: &str = "/bustape/event";
 
 /// How CAN frames stand in the file.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
@@ -91,6 +95,7 @@ pub struct SegmentWriter {
     /// When the oldest message of the open chunk was added, by the caller's reckoning.
     span: Option<(Timestamp, Timestamp)>,
     frames: bool,
+    events: bool,
 }
 
 /// One bus's channels, and what of it is in the open chunk.
@@ -139,7 +144,15 @@ impl SegmentWriter {
             clock: None,
             span: None,
             frames: false,
+            events: false,
         })
+    }
+
+    /// Adds a bus that was not known when the segment was created: its number is the next one.
+    pub fn add_bus(&mut self, name: &str, facts: Facts) -> io::Result<()> {
+        self.container.metadata(&format!("bustape.bus.{name}"), facts)?;
+        self.buses.push(Bus::new(name, self.options.batch_frames));
+        Ok(())
     }
 
     /// Adds something that happened on bus number `bus`.
@@ -162,7 +175,9 @@ impl SegmentWriter {
         if self.options.layout == Layout::Batch {
             let batch = &mut self.buses[bus].batch;
             let too_long = batch.first().is_some_and(|t| time.since(t) > self.options.batch_nanos);
-            if batch.is_full() || too_long {
+            // A batch keeps times in order, which those of an imported log need not be.
+            let back = batch.last().is_some_and(|last| time < last);
+            if batch.is_full() || too_long || back {
                 self.finish_batch(bus)?;
             }
             self.buses[bus].batch.push(time, frame);
@@ -273,6 +288,7 @@ impl SegmentWriter {
 
     /// Defines any other channel, for [`SegmentWriter::add_raw`].
     pub fn define(&mut self, definition: ChannelDefinition<'_>) -> io::Result<u16> {
+        self.events |= definition.topic == EVENT_TOPIC;
         self.container.channel(&mut self.chunk, definition)
     }
 
@@ -329,7 +345,7 @@ impl SegmentWriter {
     /// True when the open chunk has grown to its size, or holds as many frames as a reader takes.
     pub fn is_full(&self) -> bool {
         let frames = || self.buses.iter().map(|bus| bus.batched).sum::<usize>();
-        self.chunk.len() >= self.options.chunk_bytes || frames() >= can_batch::MAX_IN_CHUNK / 2
+        self.chunk.len() >= self.options.chunk_bytes || frames() >= MAX_CHUNK_FRAMES / 2
     }
 
     /// Times of the earliest and latest thing that is not in the file yet.
@@ -374,6 +390,18 @@ impl SegmentWriter {
     /// Bytes in the file so far.
     pub fn position(&self) -> u64 {
         self.container.position()
+    }
+
+    /// True once there is an event in this segment.
+    pub fn holds_event(&self) -> bool {
+        self.events
+    }
+
+    /// About as many bytes as writing the open chunk and the end of the file would take at most.
+    pub fn bytes_to_come(&self) -> u64 {
+        let batched: usize = self.buses.iter().map(|bus| bus.batch.len()).sum();
+        let frames = batched * size_of::<CanFrame>();
+        (self.chunk.len() + frames) as u64 + self.container.tail()
     }
 
     /// Bytes in the file, and about as many as the open chunk will add.

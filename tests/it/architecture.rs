@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// For each part what it may use: all that there is to know about where a change can have effects.
-const ARROWS: [(&str, &[&str]); 18] = [
+const ARROWS: &[(&str, &[&str])] = &[
     ("frame", &[]),
     ("clock", &["frame"]),
     ("text", &["frame"]),
@@ -21,13 +21,14 @@ const ARROWS: [(&str, &[&str]); 18] = [
     ("protocol", &["frame"]),
     // Logs of other tools become frames; what a recording is does not matter here.
     ("import", &["frame", "text"]),
-    // Tables and logs for other tools. Decoded channels are messages of a recording, so their wire
-    // format is; where anything comes from does not matter here.
+    // Tables and logs for other tools; where the frames come from does not matter here.
     ("export", &["decode", "frame", "recording", "text"]),
     // What frames mean, as messages of a recording.
     ("channels", &["frame", "decode", "protocol", "recording"]),
     ("address", &["capture", "simulate"]),
-    ("cli", &["text", "recording"]),
+    // Where something may be sent.
+    ("permit", &["sys"]),
+    ("cli", &["text", "import", "record", "recording", "simulate"]),
     (
         "commands",
         &[
@@ -40,6 +41,7 @@ const ARROWS: [(&str, &[&str]); 18] = [
             "export",
             "frame",
             "import",
+            "permit",
             "protocol",
             "record",
             "recording",
@@ -54,10 +56,12 @@ const ARROWS: [(&str, &[&str]); 18] = [
 ];
 
 /// Where an arrow is there for the sake of these names only.
-const ONLY: [(&str, &str, &[&str]); 3] = [
+const ONLY: [(&str, &str, &[&str]); 4] = [
     ("capture", "record", &["Inlet"]),
     ("record", "capture", &["BusFacts"]),
     ("recording", "record", &["weight"]),
+    // Decoded channels are messages of a recording.
+    ("export", "recording", &["wire::{Field"]),
 ];
 
 /// The source files without their tests and comments, by path below `src`.

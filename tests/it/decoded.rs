@@ -1,6 +1,7 @@
 //! Decoded channels: `record --decode` and `bustape decode`.
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -92,7 +93,9 @@ fn decoded(file: &Mcap) -> BTreeMap<String, Vec<(u64, Vec<u8>)>> {
             topic.push((message.time, message.data.clone()));
         }
     }
-    topics.values_mut().for_each(|messages| messages.sort());
+    for messages in topics.values_mut() {
+        messages.sort();
+    }
     topics
 }
 
@@ -327,7 +330,7 @@ fn a_decoder_that_fails_does_not_harm_the_recording() {
     let path = |name: &str| folder.path().join(name);
     let mut dbc = String::new();
     for id in 0..MESSAGES {
-        dbc.push_str(&format!("BO_ {} M{id}: 1 A\n", 0x8000_0000 | (0x1000 + id)));
+        writeln!(dbc, "BO_ {} M{id}: 1 A", 0x8000_0000 | (0x1000 + id)).unwrap();
     }
     fs::write(path("huge.dbc"), dbc).unwrap();
     let mut frames: Vec<_> =

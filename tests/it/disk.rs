@@ -151,7 +151,7 @@ cp "$1"/disk/* "$1/found/"
 exit $status
 "#;
 
-fn on_small_disk(script: &str, folder: &Path) -> Running {
+pub fn on_small_disk(script: &str, folder: &Path) -> Running {
     for name in ["disk", "found"] {
         std::fs::create_dir(folder.join(name)).unwrap();
     }

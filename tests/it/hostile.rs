@@ -47,11 +47,12 @@ fn sound(folder: &Path, layout: Layout) -> (PathBuf, Vec<u8>) {
 fn survives(which: usize, file: &Path, about: &str) -> Output {
     let new = file.with_extension("new");
     let mut command = Command::new(BUSTAPE);
-    match which % 5 {
+    match which % 6 {
         0 => command.arg("info"),
         1 => command.arg("cat"),
         2 => command.args(["cat", "--json", "--topics", "*"]),
         3 => command.args(["info", "--json"]),
+        5 => command.args(["recover", "-o"]).arg(&new),
         _ => command.args(["convert", "--layout", "batch", "-o"]).arg(&new),
     };
     command.arg(file).stdin(Stdio::null());
@@ -127,7 +128,7 @@ fn random_damage_never_crashes_a_reader_nor_takes_its_memory() {
                 damage(&mut bytes, &mut random);
             }
             std::fs::write(&file, bytes).unwrap();
-            survives(random.below(5), &file, &format!("edit {edit}"));
+            survives(random.below(6), &file, &format!("edit {edit}"));
         }
     });
 }

@@ -21,6 +21,7 @@
 )]
 
 mod architecture;
+mod blf;
 mod can_rules;
 mod cat;
 mod cli;
@@ -28,10 +29,18 @@ mod convert;
 mod decoded;
 mod disk;
 mod export;
+mod foxglove;
 mod hostile;
+mod import;
 mod kill;
+mod logs;
+mod mf4;
 mod record;
+mod recover;
+mod retention;
+mod retime;
 mod segments;
 mod serial;
+mod simulate;
 mod slow;
 mod support;

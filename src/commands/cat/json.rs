@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, SerializeOptions};
 use serde_json::{Value, json};
 
-use super::hex;
+use crate::export::frames::hex_rows as hex;
 use crate::frame::{CanFlags, CanFrame, Direction, Frame, SerialBytes, Stamped};
 use crate::record::{reason_name, unit_name};
 use crate::recording::reader::{Entry, Recording};

@@ -75,21 +75,27 @@ fn filters(args: &CatArgs, recording: &Recording) -> Result<Filters> {
     let mut names = Vec::new();
     let mut filters = vec![None; recording.buses.len()];
     for text in &args.filters {
-        let (name, rest) = text.split_once(',').unwrap_or((text, ""));
+        let name = text.split(',').next().unwrap_or_default();
         let Some(bus) = recording.buses.iter().position(|bus| bus == name) else {
             bail!(UsageError(format!(
                 "--filter {text}: the recording has no bus {name}, only {}",
                 recording.buses.join(", ")
             )));
         };
-        // The grammar of an address, of which only the filters matter here.
-        let address = if rest.is_empty() { "x".to_owned() } else { format!("x,{rest}") };
-        let settings: CanSettings =
-            address.parse().map_err(|e| UsageError(format!("--filter {text}: {e}")))?;
+        let (_, settings) = parse_filter(text)?;
         filters[bus] = Some(settings);
         names.push(name.to_owned());
     }
     Ok((Some(names), filters))
+}
+
+/// `BUS[,FILTER]...`: the bus, and candump's filters.
+pub fn parse_filter(text: &str) -> Result<(String, CanSettings)> {
+    let (name, rest) = text.split_once(',').unwrap_or((text, ""));
+    // The grammar of an address, of which only the filters matter here.
+    let address = if rest.is_empty() { "x".to_owned() } else { format!("x,{rest}") };
+    let settings = address.parse().map_err(|e| UsageError(format!("--filter {text}: {e}")))?;
+    Ok((name.to_owned(), settings))
 }
 
 /// True if `topic` is what `pattern` says, where `*` stands for any text.

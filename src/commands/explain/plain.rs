@@ -1,10 +1,11 @@
 //! An explained frame for a person.
 
-use super::super::{cat, output};
+use super::super::output;
 use super::can::{Explained, hex};
 use crate::decode::can::{Check, Match, Reading, Value};
 use crate::decode::dbc::{Number, Signal};
 use crate::decode::j1939::Identifier;
+use crate::export::frames::candump_line;
 use crate::frame::{CanFlags, CanFrame};
 use crate::text::{printable, rfc3339};
 
@@ -15,7 +16,7 @@ pub fn text(explained: &Explained<'_>) -> String {
     head.extend(line.time.map(|time| rfc3339(time.stamp())));
     head.extend(line.bus.map(printable));
     let mut frame = Vec::new();
-    cat::candump::put(&mut frame, &line.frame);
+    candump_line::put(&mut frame, &line.frame);
     head.push(String::from_utf8_lossy(&frame).into_owned());
     if let Some(remote) = explained.remote {
         let direction = explained.direction.as_deref().map(|d| format!("  {}", printable(d)));

@@ -11,7 +11,7 @@ use super::selection::Selection;
 use crate::commands::interrupt::Interrupt;
 use crate::commands::{Ended, UsageError, info, output};
 use crate::frame::{Frame, Stamped, Timestamp};
-use crate::import::{LogFrame, LogReader, Settings, format};
+use crate::import::{LogFrame, Settings, Skipped, format};
 use crate::recording::reader::{Entry, Recording};
 
 /// Entries between two looks at what a person wants and is told.
@@ -166,7 +166,7 @@ pub fn each_of_logs(
             }
         }
         progress.clear();
-        if !quiet && say_skipped(path, &*reader) {
+        if !quiet && say_skipped(path, reader.skipped(), reader.notes()) {
             ended = Ended::WithLoss;
         }
     }
@@ -174,8 +174,7 @@ pub fn each_of_logs(
 }
 
 /// Says what of a log could not be taken; true if there is anything.
-fn say_skipped(path: &Path, reader: &dyn LogReader) -> bool {
-    let skipped = reader.skipped();
+pub fn say_skipped(path: &Path, skipped: &Skipped, notes: &[String]) -> bool {
     for (place, reason) in &skipped.first {
         output::warning(&format!("{}: {place}: {reason}", path.display()));
     }
@@ -183,7 +182,7 @@ fn say_skipped(path: &Path, reader: &dyn LogReader) -> bool {
     if more > 0 {
         output::warning(&format!("{}: {more} more could not be taken", path.display()));
     }
-    for sentence in reader.notes() {
+    for sentence in notes {
         output::note(&format!("{}: {sentence}", path.display()));
     }
     skipped.count > 0

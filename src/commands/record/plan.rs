@@ -1,10 +1,19 @@
 //! How to record, from what was typed.
 
+use std::path::Path;
 use std::time::Duration;
 
+use anyhow::{Result, bail};
+
 use crate::cli::RecordArgs;
-use crate::record::{Pace, Split, Target};
+use crate::commands::UsageError;
+use crate::record::{Limits, Pace, Retention, Split, Target, WhenFull};
+use crate::recording::disk::{Disk as _, RealDisk};
 use crate::recording::writer::WriterOptions;
+use crate::text::size;
+
+/// Fewer segments than these could not be deleted one by one.
+const LEAST_SEGMENTS: u64 = 3;
 
 /// How to record.
 pub struct Plan {
@@ -14,6 +23,8 @@ pub struct Plan {
     pub split: Split,
     /// How a segment is written.
     pub writer: WriterOptions,
+    /// How much may be in the folder.
+    pub limits: Option<Limits>,
     /// When things reach the disk.
     pub pace: Pace,
     /// Bytes that may wait for the disk.
@@ -26,23 +37,25 @@ pub struct Plan {
 
 impl Plan {
     /// What the options say.
-    pub fn of(args: &RecordArgs) -> Self {
-        let (target, split) = match (&args.output, &args.dir) {
-            (Some(file), _) => {
-                (Target::File(file.clone()), Split { size: args.split_size, time: args.split_time })
+    pub fn of(args: &RecordArgs) -> Result<Self> {
+        let mut split = Split { size: args.split_size, time: args.split_time, at: args.split_at };
+        let (target, limits) = match (&args.output, &args.dir) {
+            (Some(file), _) => (Target::File(file.clone()), None),
+            (None, dir) => {
+                let folder = dir.clone().unwrap_or_else(|| ".".into());
+                let limits = limits(args)?;
+                split.size = Some(args.split_size.unwrap_or_else(|| share(&folder, &limits)));
+                if split.at.is_none() {
+                    split.time = Some(args.split_time.unwrap_or(Duration::from_secs(3600)));
+                }
+                (Target::Folder(folder, args.name.clone()), Some(limits))
             }
-            (None, dir) => (
-                Target::Folder(dir.clone().unwrap_or_else(|| ".".into()), args.name.clone()),
-                Split {
-                    size: Some(args.split_size.unwrap_or(1 << 30)),
-                    time: Some(args.split_time.unwrap_or(Duration::from_secs(3600))),
-                },
-            ),
         };
         let chunk_nanos = u64::try_from(args.chunk_time.as_nanos()).unwrap_or(u64::MAX);
-        Self {
+        Ok(Self {
             target,
             split,
+            limits,
             writer: WriterOptions {
                 layout: args.layout,
                 chunk_bytes: args.chunk_size,
@@ -54,6 +67,40 @@ impl Plan {
             queue: usize::try_from(args.queue).unwrap_or(usize::MAX),
             duration: args.duration,
             count: args.count,
-        }
+        })
     }
+
+    /// Who deletes segments, where there may be too many.
+    pub fn retention(&self) -> Option<Retention> {
+        let Target::Folder(folder, name) = &self.target else { return None };
+        let limits = self.limits?;
+        Some(Retention::new(Box::new(RealDisk), folder.clone(), name.clone(), limits))
+    }
+}
+
+fn limits(args: &RecordArgs) -> Result<Limits> {
+    if let (Some(keep), Some(split)) = (args.keep_size, args.split_size)
+        && keep < split.saturating_mul(LEAST_SEGMENTS)
+    {
+        bail!(UsageError(format!(
+            "--keep-size {} is less than {LEAST_SEGMENTS} segments of --split-size {}: there would \
+             be nothing to delete but the file being written",
+            size(keep),
+            size(split)
+        )));
+    }
+    Ok(Limits {
+        keep_size: args.keep_size,
+        keep_time: args.keep_time,
+        min_free: args.min_free,
+        when_full: args.when_full,
+    })
+}
+
+/// Size of a segment, so that there are enough of them to delete one by one.
+fn share(folder: &Path, limits: &Limits) -> u64 {
+    let ring = limits.when_full == WhenFull::Ring;
+    let disk = ring.then(|| RealDisk.capacity(folder).ok()).flatten();
+    let budget = limits.keep_size.into_iter().chain(disk).min();
+    budget.map_or(1 << 30, |budget| (budget / 16).clamp(256 << 10, 1 << 30))
 }

@@ -25,6 +25,9 @@ pub fn report(recorded: &Recorded, as_json: bool) -> Result<Ended> {
     if !recorded.errors.is_empty() {
         return Ok(Ended::WithLoss);
     }
+    if recorded.outcome.full {
+        return Ok(Ended::WithLoss);
+    }
     let stopped = recorded.outcome.streams.iter().any(|stream| stream.stopped().is_some());
     let complete = recorded.outcome.totals.iter().all(Totals::complete) && !stopped;
     Ok(if complete { Ended::Well } else { Ended::WithLoss })

@@ -51,7 +51,10 @@ impl Watch<'_> {
         tokio::pin!(end);
         loop {
             tokio::select! {
-                name = signals.next() => return name,
+                asked = signals.next() => match asked {
+                    Asked::Stop(name) => return name,
+                    Asked::Split => self.progress.split(),
+                },
                 () = &mut end => return "duration",
                 ended = sources.join_next() => match ended {
                     Some(ended) => self.note(ended),
@@ -64,6 +67,9 @@ impl Watch<'_> {
                     // A writer that panicked must not leave capture filling the queue for months.
                     if state.failed || self.writer.is_finished() {
                         return "write error";
+                    }
+                    if state.full {
+                        return "disk full";
                     }
                     let totals: Vec<Totals> = self.tallies.iter().map(|t| t.totals()).collect();
                     self.status.show(started, self.timeline.now(), &totals, &state);
@@ -97,16 +103,15 @@ pub fn tell(status: &mut StatusLine, notices: &[Notice]) {
 }
 
 /// The three ways a person or the system says stop.
-pub struct Signals {
+pub struct Stops {
     interrupt: Signal,
     terminate: Signal,
     hangup: Signal,
 }
 
-impl Signals {
-    /// Listens to all three from now on.
+impl Stops {
+    /// Listens to all of them from now on.
     pub fn new() -> Result<Self> {
-        let listen = |kind| signal(kind).context("cannot listen to signals");
         Ok(Self {
             interrupt: listen(SignalKind::interrupt())?,
             terminate: listen(SignalKind::terminate())?,
@@ -114,11 +119,45 @@ impl Signals {
         })
     }
 
-    async fn next(&mut self) -> &'static str {
+    /// Waits for one of them: its name.
+    pub async fn next(&mut self) -> &'static str {
         tokio::select! {
             _ = self.interrupt.recv() => "SIGINT",
             _ = self.terminate.recv() => "SIGTERM",
             _ = self.hangup.recv() => "SIGHUP",
         }
     }
+}
+
+fn listen(kind: SignalKind) -> Result<Signal> {
+    signal(kind).context("cannot listen to signals")
+}
+
+/// What a running recording listens to.
+pub struct Signals {
+    stops: Stops,
+    /// SIGUSR1: a new segment.
+    split: Signal,
+}
+
+impl Signals {
+    /// Listens to all of them from now on.
+    pub fn new() -> Result<Self> {
+        Ok(Self { stops: Stops::new()?, split: listen(SignalKind::user_defined1())? })
+    }
+
+    async fn next(&mut self) -> Asked {
+        tokio::select! {
+            name = self.stops.next() => Asked::Stop(name),
+            _ = self.split.recv() => Asked::Split,
+        }
+    }
+}
+
+/// What a signal asks for.
+enum Asked {
+    /// To end, and the signal's name.
+    Stop(&'static str),
+    /// A new segment.
+    Split,
 }

@@ -17,6 +17,9 @@ use event::{Event, Taken};
 /// Most frames given at once.
 const BATCH: usize = 4096;
 
+/// The finest that dates have, nanoseconds.
+const DATE_STEP: u64 = 1_000_000;
+
 /// Reads a log.
 pub struct Reader {
     lines: Lines,
@@ -54,11 +57,15 @@ impl Clock {
     /// The moment of an event that says `nanos`.
     fn time(&mut self, nanos: u64) -> Timestamp {
         if let Some(block) = self.block.take() {
-            // Times count on from block to block. Tools that start over at each block mean its
-            // own date.
-            if self.date.is_none() || nanos < self.last && !self.differences {
+            // Times count on from the date of the head, from block to block. Tools that start over
+            // at each block, or whose head has the date of the file, mean the block's own date.
+            let counted = nanos.saturating_add(if self.differences { self.last } else { 0 });
+            let goes_on = self.date.is_some_and(|date| {
+                block >= date && counted.saturating_add(DATE_STEP) >= block.since(date)
+            });
+            if !goes_on {
                 self.base = block;
-                self.date = Some(block);
+                self.date.get_or_insert(block);
                 self.last = 0;
             }
         }
@@ -115,7 +122,7 @@ impl LogReader for Reader {
         let Self { lines, clock, names, skipped, channels, .. } = self;
         let enough = into.len() + BATCH;
         while into.len() < enough {
-            let Some((number, text)) = lines.next()? else {
+            let Some((number, text)) = lines.next_line()? else {
                 self.finish();
                 return Ok(false);
             };
@@ -147,7 +154,8 @@ impl LogReader for Reader {
                     })
                 }
                 Event::Other => {
-                    self.others += 1;
+                    // Every log has this one, at its beginning.
+                    self.others += u64::from(!text.ends_with(b"Start of measurement"));
                     Ok(())
                 }
                 Event::Broken(why) => Err(why),

@@ -41,7 +41,7 @@ pub fn open(input: Box<dyn Read>, head: &[u8], settings: &Settings) -> Reader {
     let mut notes = Vec::new();
     match clock {
         Clock::Differences => {
-            notes.push("times are differences from line to line (candump -t d)".to_owned())
+            notes.push("times are differences from line to line (candump -t d)".to_owned());
         }
         Clock::None => notes
             .push("lines have no times: all frames stand at one time, in their order".to_owned()),
@@ -65,17 +65,16 @@ impl LogReader for Reader {
         let Self { lines, names, skipped, .. } = self;
         let mut frames = 0;
         while frames < BATCH {
-            let Some((number, text)) = lines.next()? else {
+            let Some((number, text)) = lines.next_line()? else {
                 self.finish(into);
                 return Ok(false);
             };
             let cleaned;
-            let text = match text.contains(&0x1B) {
-                true => {
-                    cleaned = without_colours(text);
-                    &cleaned
-                }
-                false => text,
+            let text = if text.contains(&0x1B) {
+                cleaned = without_colours(text);
+                &cleaned
+            } else {
+                text
             };
             let taken = match line::line(text) {
                 Ok(line) => names.index(line.bus.unwrap_or(UNNAMED)).map(|bus| {

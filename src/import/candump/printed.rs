@@ -40,12 +40,11 @@ fn row(words: Words<'_>) -> Option<Vec<u8>> {
 pub fn gap(text: &[u8]) -> Option<(&str, Gap)> {
     let text = str::from_utf8(text).ok()?.strip_prefix("gap: ")?;
     let (bus, rest) = text.split_once(" lost ")?;
-    let (count, rest) = match rest.strip_prefix("an unknown number of ") {
-        Some(rest) => (0, rest),
-        None => {
-            let (count, rest) = rest.split_once(' ')?;
-            (count.parse().ok()?, rest)
-        }
+    let (count, rest) = if let Some(rest) = rest.strip_prefix("an unknown number of ") {
+        (0, rest)
+    } else {
+        let (count, rest) = rest.split_once(' ')?;
+        (count.parse().ok()?, rest)
     };
     let (unit, rest) = rest.split_once(" (")?;
     let unit = if unit == "bytes" { Unit::Bytes } else { Unit::Frames };

@@ -1,8 +1,10 @@
 use super::*;
 use crate::frame::{CanFlags, CanFrame, Direction, LineError, LineErrorKind};
 
+type Found = (Vec<(String, u64, Frame)>, Skipped, Vec<String>, bool);
+
 /// Everything in a log.
-fn read(text: &str) -> (Vec<(String, u64, Frame)>, Skipped, Vec<String>, bool) {
+fn read(text: &str) -> Found {
     let input = Box::new(std::io::Cursor::new(text.as_bytes().to_vec()));
     let mut reader = open(input, text.as_bytes(), &Settings::default());
     let mut frames = Vec::new();
@@ -78,7 +80,8 @@ fn every_form_of_a_frame_is_read() {
 #[test]
 fn times_are_understood_in_all_styles() {
     let times = |texts: &[&str]| {
-        let text: String = texts.iter().map(|time| format!("{time} can0 001#00\n")).collect();
+        let lines: Vec<_> = texts.iter().map(|time| format!("{time} can0 001#00\n")).collect();
+        let text = lines.concat();
         let (frames, skipped, _, relative) = read(&text);
         assert_eq!(skipped.count, 0, "{skipped:?}");
         (frames.iter().map(|f| f.1).collect::<Vec<_>>(), relative)

@@ -57,7 +57,7 @@ impl Resolution {
             Self::Decimal(power) if power <= 9 => units.saturating_mul(10u64.pow(9 - power)),
             Self::Decimal(power) => units / 10u64.saturating_pow(power - 9),
             Self::Binary(power) => {
-                let nanos = u128::from(units) * 1_000_000_000 >> power;
+                let nanos = (u128::from(units) * 1_000_000_000) >> power;
                 u64::try_from(nanos).unwrap_or(u64::MAX)
             }
         }

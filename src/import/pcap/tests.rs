@@ -127,7 +127,7 @@ fn pcapng_is_read_with_names_resolutions_and_directions() {
             section,
             interface(227, [option(2, b"vcan7"), option(9, &[9])].concat()),
             interface(227, Vec::new()),
-            interface(227, option(9, &[0x80 | 10])),
+            interface(227, option(9, &[0x8A])),
             interface(250, option(2, b"rect")),
             order.block(0x0BAD, b"unknown"),
             packet(0, 1_700_000_000_123_456_789, DATA, option(2, &order.u32(2))),

@@ -82,7 +82,7 @@ impl LogReader for Reader {
     fn read(&mut self, into: &mut Vec<LogFrame>) -> Result<bool, ImportError> {
         let enough = into.len() + BATCH;
         while into.len() < enough {
-            let Some((number, text)) = self.lines.next()? else {
+            let Some((number, text)) = self.lines.next_line()? else {
                 self.finish();
                 return Ok(false);
             };

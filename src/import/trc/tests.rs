@@ -15,10 +15,7 @@ fn read(text: &str) -> Found {
     (named.collect(), reader.skipped.clone(), reader.notes.clone(), reader.times_are_relative())
 }
 
-/// The examples of the specification, in the five layouts it has had.
-#[test]
-fn all_versions_are_read() {
-    let v1_0 = "\
+const V1_0: &str = "\
 ;##########################################################################
 ;   C:\\TraceFile.trc
 ;    CAN activities recorded by PCAN Explorer
@@ -30,6 +27,38 @@ fn all_versions_are_read() {
      3)      1843  FFFFFFFF  4  00 00 00 04 -- -- -- --  BUSLIGHT
      4)      1844      0100  3  RTR
 ";
+
+const V2_0: &str = "\
+;$FILEVERSION=2.0
+;$STARTTIME=42209.4075997106
+;$COLUMNS=N,O,T,I,d,l,D
+      1      1059.900 DT     0300 Rx 7  00 00 00 00 04 00 00
+      5      1334.416 FD     0500 Tx 12 01 02 03 04 05 06 07 08 09 0A 0B 0C
+      6      1334.522 ER          Rx    04 00 02 00 00
+      7      1334.531 ST          Rx    00 00 00 08
+      8      1334.643 EC          Rx    02 02
+      9      1335.156 DT 18EFC034 Tx 2  00 00
+     10      1336.543 RR     0100 Rx 3
+";
+
+const V2_1: &str = "\
+;$FILEVERSION=2.1
+;$STARTTIME=41766.4648963872
+;$COLUMNS=N,O,T,B,I,d,R,L,D
+      1      1059.900 DT 2      0300 Rx -  7    00 00 00 00 04 00 00
+      5      1334.416 FB 1      0500 Tx -  9    01 02 03 04 05 06 07 08 09 0A 0B 0C
+      6      1334.222 ER 1         - Rx -  5    04 00 02 00 00
+      7      1334.224 EV 1  User-defined event for bus 1
+      8      1334.225 EV -  User-defined event for all busses
+      9      1334.231 ST 1         - Rx -  4    00 00 00 08
+     11      1334.643 EC 1         - Rx -  2    02 02
+     12      1335.156 DT 1  18EFC034 Tx -  2    00 00
+     13      1336.543 RR 1      0100 Rx -  3
+";
+
+/// The examples of the specification, in the five layouts it has had.
+#[test]
+fn all_versions_are_read() {
     let rows = |middle: [&str; 5]| middle.map(|row| format!("{row}\n")).concat();
     let v1_1 = format!(
         ";$FILEVERSION=1.1\n;$STARTTIME=37704.5364870833\n{}",
@@ -61,32 +90,6 @@ fn all_versions_are_read() {
             "     7)      1352.743 1  Rx        0100 -  3    RTR",
         ])
     );
-    let v2_0 = "\
-;$FILEVERSION=2.0
-;$STARTTIME=42209.4075997106
-;$COLUMNS=N,O,T,I,d,l,D
-      1      1059.900 DT     0300 Rx 7  00 00 00 00 04 00 00
-      5      1334.416 FD     0500 Tx 12 01 02 03 04 05 06 07 08 09 0A 0B 0C
-      6      1334.522 ER          Rx    04 00 02 00 00
-      7      1334.531 ST          Rx    00 00 00 08
-      8      1334.643 EC          Rx    02 02
-      9      1335.156 DT 18EFC034 Tx 2  00 00
-     10      1336.543 RR     0100 Rx 3
-";
-    let v2_1 = "\
-;$FILEVERSION=2.1
-;$STARTTIME=41766.4648963872
-;$COLUMNS=N,O,T,B,I,d,R,L,D
-      1      1059.900 DT 2      0300 Rx -  7    00 00 00 00 04 00 00
-      5      1334.416 FB 1      0500 Tx -  9    01 02 03 04 05 06 07 08 09 0A 0B 0C
-      6      1334.222 ER 1         - Rx -  5    04 00 02 00 00
-      7      1334.224 EV 1  User-defined event for bus 1
-      8      1334.225 EV -  User-defined event for all busses
-      9      1334.231 ST 1         - Rx -  4    00 00 00 08
-     11      1334.643 EC 1         - Rx -  2    02 02
-     12      1335.156 DT 1  18EFC034 Tx -  2    00 00
-     13      1336.543 RR 1      0100 Rx -  3
-";
     let data = CanFrame::new(0x300, CanFlags::default(), &[0, 0, 0, 0, 4, 0, 0]);
     let sent = CanFrame::new(0x18EF_C034, CanFlags::EXTENDED | CanFlags::TX, &[0, 0]);
     let remote = CanFrame::new(0x100, CanFlags::REMOTE, &[]).with_dlc(3);
@@ -94,8 +97,8 @@ fn all_versions_are_read() {
         (&v1_1, 1, "1"),
         (&v1_2, 1, "2"),
         (&v1_3, 1, "2"),
-        (&v2_0.to_owned(), 2, "1"),
-        (&v2_1.to_owned(), 4, "2"),
+        (&V2_0.to_owned(), 2, "1"),
+        (&V2_1.to_owned(), 4, "2"),
     ] {
         let (frames, skipped, notes, relative) = read(text);
         assert_eq!((skipped.count, relative), (0, false), "{text}{skipped:?}");
@@ -110,12 +113,12 @@ fn all_versions_are_read() {
         assert_eq!(frames[0].0, bus);
         assert_eq!(frames[0].1 % 1000, read(text).0[0].1 % 1000);
     }
-    let (frames, ..) = read(v2_1);
+    let (frames, ..) = read(V2_1);
     let fd = CanFlags::FD | CanFlags::BRS | CanFlags::TX;
     assert_eq!(frames[1].2, CanFrame::new(0x500, fd, &[1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12]));
     // 41766.4648963872 days and 1059.9 ms.
     assert_eq!(frames[0].1, 1_399_460_967_047_854_080 + 1_059_900_000);
-    let (frames, skipped, _, relative) = read(v1_0);
+    let (frames, skipped, _, relative) = read(V1_0);
     assert_eq!((frames.len(), skipped.count, relative), (3, 0, false));
     assert_eq!(frames[2].2, remote);
     assert_eq!(frames[0].1, 1_031_760_020_682_000_000 + 1_841_000_000);

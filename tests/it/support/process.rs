@@ -102,6 +102,11 @@ impl Running {
         kill(Pid::from_raw(self.child.id() as i32), signal).expect("it is ours");
     }
 
+    /// Ends every process of its group with SIGTERM; for shells that wait for what they started.
+    pub fn stop_group(&self) {
+        kill(Pid::from_raw(-(self.child.id() as i32)), Signal::SIGTERM).expect("it is ours");
+    }
+
     /// Waits for its end.
     pub fn wait(mut self) -> Ran {
         let status = until("a command to end", || self.child.try_wait().expect("it is ours"));

@@ -1,0 +1,144 @@
+//! CSV of frames: every property in a column of its own, or the seven columns of python-can.
+
+use std::collections::BTreeMap;
+use std::io::{self, Write};
+
+use super::super::{BusHead, FrameWriter};
+use super::kept::Unkept;
+use super::text;
+use crate::frame::{CanFlags, CanFrame, Frame, Stamped};
+
+/// Written at once.
+const BUFFER: usize = 64 << 10;
+const SECOND: u64 = 1_000_000_000;
+const HEAD: &[u8] = b"time,bus,id,ext,rtr,error,fd,brs,esi,dir,dlc,data\n";
+const PYTHON_CAN_HEAD: &[u8] = b"timestamp,arbitration_id,extended,remote,error,dlc,data\n";
+const BASE64: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
+
+/// Which columns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Columns {
+    /// Everything, data in hexadecimal.
+    All,
+    /// Those of `can.CSVWriter` (python-can 4): no bus, direction or CAN FD; data in base64.
+    PythonCan,
+}
+
+/// Starts a table.
+pub fn create<W: Write>(out: W, buses: &[BusHead], columns: Columns) -> impl FrameWriter + use<W> {
+    let head = if columns == Columns::All { HEAD } else { PYTHON_CAN_HEAD };
+    let names = buses.iter().map(|bus| bus.name.clone()).collect();
+    Csv { out, names, columns, buffer: head.to_vec(), unkept: Unkept::default() }
+}
+
+struct Csv<W> {
+    out: W,
+    names: Vec<String>,
+    columns: Columns,
+    buffer: Vec<u8>,
+    unkept: Unkept,
+}
+
+impl<W: Write> FrameWriter for Csv<W> {
+    fn add_bus(&mut self, bus: &BusHead) -> io::Result<()> {
+        self.names.push(bus.name.clone());
+        Ok(())
+    }
+
+    fn write(&mut self, bus: u16, frame: &Stamped<Frame>) -> io::Result<()> {
+        let (Frame::Can(can), Some(name)) = (&frame.value, self.names.get(usize::from(bus))) else {
+            self.unkept.frame(&frame.value);
+            return Ok(());
+        };
+        let nanos = frame.time.nanos();
+        let out = &mut self.buffer;
+        text::decimal(out, nanos / SECOND, 1, b'0');
+        out.push(b'.');
+        text::decimal(out, nanos % SECOND, 9, b'0');
+        match self.columns {
+            Columns::All => all(out, name, can),
+            Columns::PythonCan => {
+                if can.flags.has(CanFlags::FD) {
+                    self.unkept.add("that frames are CAN FD");
+                }
+                if can.flags.has(CanFlags::TX) {
+                    self.unkept.add("direction");
+                }
+                python_can(out, can);
+            }
+        }
+        out.push(b'\n');
+        if out.len() >= BUFFER {
+            self.out.write_all(out)?;
+            out.clear();
+        }
+        Ok(())
+    }
+
+    fn finish(&mut self) -> io::Result<()> {
+        self.out.write_all(&self.buffer)?;
+        self.buffer.clear();
+        self.out.flush()
+    }
+
+    fn unkept(&self) -> &BTreeMap<&'static str, u64> {
+        self.unkept.list()
+    }
+}
+
+fn all(out: &mut Vec<u8>, name: &str, frame: &CanFrame) {
+    out.push(b',');
+    // A name of a log may have anything in it.
+    let plain = name.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte));
+    if plain && !name.starts_with('-') {
+        out.extend_from_slice(name.as_bytes());
+    } else {
+        let fitting = |c: char| if c.is_alphanumeric() || "_.".contains(c) { c } else { '_' };
+        out.extend_from_slice(name.chars().map(fitting).collect::<String>().as_bytes());
+    }
+    out.push(b',');
+    text::hex_number(out, frame.id);
+    let flags = [
+        CanFlags::EXTENDED,
+        CanFlags::REMOTE,
+        CanFlags::ERROR,
+        CanFlags::FD,
+        CanFlags::BRS,
+        CanFlags::ESI,
+    ];
+    for flag in flags {
+        out.extend_from_slice(&[b',', b'0' + u8::from(frame.flags.has(flag))]);
+    }
+    out.extend_from_slice(if frame.flags.has(CanFlags::TX) { b",tx," } else { b",rx," });
+    text::decimal(out, dlc(frame), 1, b'0');
+    out.push(b',');
+    frame.data().iter().for_each(|byte| text::hex(out, *byte));
+}
+
+fn python_can(out: &mut Vec<u8>, frame: &CanFrame) {
+    out.extend_from_slice(b",0x");
+    text::hex_number(out, frame.id);
+    // python-can calls error frames extended unless told otherwise.
+    for flag in [CanFlags::EXTENDED, CanFlags::REMOTE, CanFlags::ERROR] {
+        out.extend_from_slice(&[b',', b'0' + u8::from(frame.flags.has(flag))]);
+    }
+    out.push(b',');
+    let length =
+        if frame.flags.has(CanFlags::REMOTE) { dlc(frame) } else { frame.data().len() as u64 };
+    text::decimal(out, length, 1, b'0');
+    out.push(b',');
+    for part in frame.data().chunks(3) {
+        let byte = |index: usize| u32::from(part.get(index).copied().unwrap_or(0));
+        let bits = byte(0) << 16 | byte(1) << 8 | byte(2);
+        for place in 0..4 {
+            let digit = BASE64[(bits >> (18 - 6 * place)) as usize & 63];
+            out.push(if place <= part.len() { digit } else { b'=' });
+        }
+    }
+}
+
+/// The length of the data, or what the frame says besides.
+fn dlc(frame: &CanFrame) -> u64 {
+    let said = frame.flags.has(CanFlags::REMOTE) || frame.dlc > 0;
+    if said { frame.dlc.into() } else { frame.data().len() as u64 }
+}

@@ -1,0 +1,124 @@
+//! Values of any length that stand apart from their records.
+
+use std::collections::VecDeque;
+use std::io::{Read, Seek};
+
+use super::blocks::{BlockError, File};
+use super::data::Data;
+use crate::import::Skipped;
+use crate::import::little_endian::u32_at;
+
+/// The longest value that is believed; a frame has 64 bytes.
+pub(super) const LONGEST: usize = 1 << 16;
+/// Values and records that wait for each other.
+const WAITING: usize = 1 << 16;
+/// How often one may go back to the beginning of the data.
+const RESTARTS: u32 = 100;
+
+/// Signal data: each value behind its length in 4 bytes.
+pub(super) struct Signal {
+    link: u64,
+    data: Data,
+    unfinished: bool,
+    restarts: u32,
+}
+
+impl Signal {
+    pub fn new(link: u64, unfinished: bool) -> Self {
+        Self { link, data: Data::new(link, unfinished), unfinished, restarts: 0 }
+    }
+
+    /// The value at `offset`, if it is there. Cheap when offsets rise.
+    pub fn value<R: Read + Seek>(
+        &mut self,
+        offset: u64,
+        file: &mut File<R>,
+        skipped: &mut Skipped,
+    ) -> Result<Option<&[u8]>, BlockError> {
+        if offset < self.data.offset {
+            if self.restarts == RESTARTS {
+                return Ok(None);
+            }
+            self.restarts += 1;
+            self.data = Data::new(self.link, self.unfinished);
+        }
+        while self.data.offset < offset {
+            if !self.data.want(1, file, skipped)? && self.data.pass_hole() == 0 {
+                return Ok(None);
+            }
+            let ahead = usize::try_from(offset.saturating_sub(self.data.offset));
+            let step = ahead.unwrap_or(usize::MAX).min(self.data.bytes().len());
+            self.data.take(step);
+        }
+        if self.data.offset != offset || !self.data.want(4, file, skipped)? {
+            return Ok(None);
+        }
+        let length = u32_at(self.data.bytes(), 0).unwrap_or(0) as usize;
+        if length > LONGEST || !self.data.want(4 + length, file, skipped)? {
+            return Ok(None);
+        }
+        Ok(self.data.bytes().get(4..4 + length))
+    }
+}
+
+/// Values in records of a group of their own, mixed with those that they belong to.
+pub(super) struct Mixed {
+    /// Address of their group.
+    pub group: u64,
+    /// Values belong to records by their order, as their places have not been written.
+    by_order: bool,
+    /// Place of the next value, counted as in signal data.
+    offset: u64,
+    values: VecDeque<(u64, Vec<u8>)>,
+    /// Records without their value: index of the group, number, place of the value, record.
+    records: VecDeque<Waiting>,
+}
+
+/// A record that waits for its value.
+pub(super) struct Waiting {
+    pub group: usize,
+    pub number: u64,
+    pub offset: u64,
+    pub record: Vec<u8>,
+}
+
+impl Mixed {
+    pub fn new(group: u64, by_order: bool) -> Self {
+        let (values, records) = (VecDeque::new(), VecDeque::new());
+        Self { group, by_order, offset: 0, values, records }
+    }
+
+    /// Adds a value. What is then too much is dropped, and missed later.
+    pub fn add_value(&mut self, value: &[u8]) {
+        self.values.push_back((self.offset, value.to_vec()));
+        self.offset += 4 + value.len() as u64;
+        if self.values.len() > WAITING {
+            self.values.pop_front();
+        }
+    }
+
+    pub fn add_record(&mut self, waiting: Waiting) {
+        self.records.push_back(waiting);
+    }
+
+    /// The next record and its value, once both are there; a record alone when its value cannot
+    /// come any more, or too many wait.
+    pub fn next(&mut self, ended: bool) -> Option<(Waiting, Option<Vec<u8>>)> {
+        let wanted = self.records.front()?.offset;
+        if !self.by_order {
+            while self.values.front().is_some_and(|(offset, _)| *offset < wanted) {
+                self.values.pop_front();
+            }
+        }
+        let fits = |(offset, _): &(u64, Vec<u8>)| self.by_order || *offset == wanted;
+        let there = self.values.front().is_some_and(fits);
+        let missed = ended
+            || self.records.len() > WAITING
+            || !self.by_order && !there && !self.values.is_empty();
+        if !there && !missed {
+            return None;
+        }
+        let value = if there { self.values.pop_front().map(|(_, value)| value) } else { None };
+        self.records.pop_front().map(|record| (record, value))
+    }
+}

@@ -4,7 +4,10 @@ use std::ffi::OsString;
 
 use crate::support::process::{args, bustape};
 
-const COMMANDS: &[&str] = &["record", "info", "cat", "convert", "recover", "retime", "keep", "ports", "demo", "export", "import"];
+const COMMANDS: &[&str] = &[
+    "record", "info", "cat", "convert", "recover", "retime", "keep", "ports", "demo", "export",
+    "import",
+];
 
 #[test]
 fn wrong_usage_is_refused_with_a_sentence_and_leaves_nothing() {

@@ -6,6 +6,8 @@ use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use bustape::import::Settings;
+use bustape::recording::writer::Layout;
 use nix::sys::signal::Signal;
 
 use crate::support::process::{BUSTAPE, args, bustape, spawn, start, start_injected};
@@ -300,12 +302,11 @@ fn raw_frames_become_a_table_too() {
 fn recordings_decoded_or_not_give_the_same_tables_as_their_log() {
     let inputs = Inputs::new(700);
     let path = |name: &str| inputs.path(name);
-    let frames = bustape::import::format::open(&path("can.log"), None, &Default::default());
+    let frames = bustape::import::format::open(&path("can.log"), None, &Settings::default());
     let mut reader = frames.unwrap().reader;
     let mut frames = Vec::new();
     while reader.read(&mut frames).unwrap() {}
     let frames: Vec<_> = frames.into_iter().map(|frame| (0, frame.frame)).collect();
-    use bustape::recording::writer::Layout;
     for (layout, name) in [(Layout::Frame, "frame.mcap"), (Layout::Batch, "batch.mcap")] {
         crate::support::make::make(&path(name), layout, &["can0"], &frames);
         let out = format!("{name}.csv");

@@ -49,11 +49,11 @@ pub fn report(args: &ExportArgs, counts: &Counts, files: u64, notes: &[String]) 
             grouped(files),
         );
         if unknown > 0 {
-            text.push_str(&format!("; {} frames of unknown messages", grouped(unknown)));
+            text = format!("{text}; {} frames of unknown messages", grouped(unknown));
         }
         if other > 0 {
             let what = "remote, error or serial, or of a bus without --decode";
-            text.push_str(&format!("; {} not decoded ({what})", grouped(other)));
+            text = format!("{text}; {} not decoded ({what})", grouped(other));
         }
         output::note(&text);
     }

@@ -49,7 +49,7 @@ fn identifier(id: u32) -> (u32, CanFlags) {
 
 /// Lower four bits of the flags: 0 received, 1 sent, 2 asked to be sent. Bit 7: remote.
 fn direction(flags: u8) -> CanFlags {
-    if flags % 16 == 0 { CanFlags::default() } else { CanFlags::TX }
+    if flags.is_multiple_of(16) { CanFlags::default() } else { CanFlags::TX }
 }
 
 /// A classic frame: the data are as long as the DLC says, at most 8 bytes.

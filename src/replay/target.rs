@@ -75,7 +75,7 @@ impl TargetAddress {
                 }
             };
         }
-        if let Some((kind, _)) = text.split_once(':') {
+        if let Some((kind, _)) = text.split_once(':').filter(|(kind, _)| !kind.contains(',')) {
             return Err(format!(
                 "\"{kind}:\" is nothing that can be played to; there are a CAN interface, slcan:, \
                  a serial port, pty: and trace:"

@@ -19,12 +19,12 @@ fn may_be_short(frame: &CanFrame) -> bool {
 }
 
 #[test]
-fn a_quarter_of_an_hour_brings_every_message_of_both_controllers_and_all_of_it_decodes() {
+fn half_an_hour_brings_every_message_of_both_controllers_and_all_of_it_decodes() {
     let decoder = decoder();
     let mut seen: BTreeMap<&str, u32> = BTreeMap::new();
     let (mut requests, mut values) = (0, BTreeMap::<(&str, usize), BTreeSet<u64>>::new());
     let bus = HmiCan::new(13, DAY_A_MINUTE);
-    for (_, frame) in bus.take_while(|(time, _)| *time < 900 * 1_000_000_000) {
+    for (_, frame) in bus.take_while(|(time, _)| *time < 1800 * 1_000_000_000) {
         if frame.flags.has(CanFlags::REMOTE) {
             requests += 1;
             continue;

@@ -1,7 +1,5 @@
 //! What a bus is decoded with, and how a recording tells of it.
 
-use std::fmt::Write as _;
-
 use sha2::{Digest as _, Sha256};
 
 use super::can::CanChannels;
@@ -9,7 +7,7 @@ use super::serial::SerialChannels;
 use super::stream::Decode;
 use crate::decode::definition::CanDefinition;
 use crate::protocol::Protocol;
-use crate::recording::definition::{Attachment, Facts};
+use crate::recording::definition::{Attachment, Facts, hex};
 
 /// What a bus is decoded with.
 #[derive(Debug)]
@@ -38,7 +36,7 @@ impl Definition {
         let mut facts = Facts::from([("protocol".to_owned(), self.protocol.clone())]);
         for attachment in &self.attachments {
             let key = format!("definition.{}", attachment.name);
-            facts.insert(key, hex(&Sha256::digest(&attachment.data)));
+            facts.insert(key, attachment.sha256());
         }
         facts
     }
@@ -68,12 +66,4 @@ impl Definition {
             Meaning::Serial(protocol) => Box::new(SerialChannels::new(protocol.into(), package)),
         }
     }
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        // Writing to a String cannot fail.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
 }

@@ -2,6 +2,7 @@
 
 pub mod decode;
 pub mod keep;
+pub mod mark;
 pub mod recover;
 pub mod retime;
 
@@ -12,6 +13,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use self::decode::DecodeArgs;
 pub use self::keep::KeepArgs;
+pub use self::mark::{LONGEST_MARK, MarkArgs, StatusArgs};
 pub use self::recover::RecoverArgs;
 pub use self::retime::RetimeArgs;
 use crate::record::{Align, WhenFull};
@@ -52,6 +54,10 @@ pub enum Command {
     Retime(RetimeArgs),
     /// Mark segments that a recorder must not delete
     Keep(KeepArgs),
+    /// Put an event into the running recording
+    Mark(MarkArgs),
+    /// Show what the recorders of this machine are doing
+    Status(StatusArgs),
     /// Add decoded channels to a recording
     Decode(DecodeArgs),
     /// List the CAN interfaces and serial ports of this machine
@@ -92,13 +98,14 @@ PROTOCOL:
 /// Options of `bustape record`.
 #[derive(Debug, Args)]
 #[command(after_help = ADDRESSES)]
-#[command(group(clap::ArgGroup::new("target").required(true).args(["output", "dir"])))]
+#[command(group(clap::ArgGroup::new("target").args(["output", "dir"])))]
 pub struct RecordArgs {
-    /// What to record, see below
-    #[arg(required = true, value_name = "BUS")]
+    /// What to record, see below [default: as configured]
+    #[arg(value_name = "BUS")]
     pub buses: Vec<String>,
 
-    /// Write what the frames of this bus mean as decoded channels, too; once for each bus
+    /// Write what the frames of this bus mean as decoded channels, too; once for each bus [default:
+    /// none]
     #[arg(long, value_name = "BUS=PROTOCOL")]
     pub decode: Vec<String>,
 
@@ -191,6 +198,15 @@ pub struct RecordArgs {
     /// CAN: use the time stamps of the CAN hardware where its driver gives them
     #[arg(long)]
     pub hardware_timestamps: bool,
+
+    /// Take what is not on the command line from this file in TOML, whose keys are called as these
+    /// options [default: /etc/bustape/bustape.toml, then $XDG_CONFIG_HOME/bustape/bustape.toml]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+
+    /// Print what would be recorded and how, as a configuration file, and end
+    #[arg(long)]
+    pub print_config: bool,
 
     /// Print the totals as one JSON object
     #[arg(long)]

@@ -1,17 +1,20 @@
 //! `bustape record`: sources, queue, writer, and the person who stops it.
 
 mod about;
+mod board;
 mod leftovers;
 mod plan;
 mod report;
 mod watch;
 
+use std::io::Write as _;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::{Context as _, Result, bail};
+use clap::ArgMatches;
 use tokio::task::{JoinSet, LocalSet};
 
 pub use plan::Plan;
@@ -19,7 +22,7 @@ pub use report::report;
 
 use super::definitions::{self, Definitions};
 use super::status::StatusLine;
-use super::{Ended, UsageError};
+use super::{Ended, UsageError, configuration, output};
 use crate::address::BusSpec;
 use crate::capture::socketcan::CanOptions;
 use crate::capture::{BusFacts, Source, Stop};
@@ -33,15 +36,25 @@ use crate::record::{
 };
 use crate::recording::disk::RealDisk;
 use crate::sys::SystemClock;
+use board::Board;
 use leftovers::Leftovers;
 use watch::{Signals, Watch};
 
 /// Runs the command.
-pub fn run(args: &RecordArgs) -> Result<Ended> {
+pub fn run(typed: &RecordArgs, matches: &ArgMatches) -> Result<Ended> {
+    let configured = configuration::configured(typed, matches)?;
+    let args = &configured.args;
     let specs = parse_buses(&args.buses)?;
-    let plan = Plan::of(args)?;
+    let mut plan = Plan::of(args)?;
+    plan.configuration = Some(configured.attachment());
     let names: Vec<String> = specs.iter().map(|spec| spec.name.clone()).collect();
     let definitions = definitions::load(&args.decode, &names, Vec::new())?;
+    if args.print_config {
+        let mut out = output::stdout();
+        out.write_all(configured.explained().as_bytes())?;
+        out.flush()?;
+        return Ok(Ended::Well);
+    }
     let runtime = runtime()?;
     let outcome = runtime.block_on(async {
         let can = CanOptions {
@@ -120,7 +133,19 @@ pub async fn record(buses: Vec<Bus>, definitions: Definitions, plan: &Plan) -> R
     let mut sources = desk.start_sources(buses, &allowance, &stop, &local)?;
 
     let at_work = leftovers.recover(desk.progress.clone());
+    let board = match Board::new(plan, desk.timeline.now()) {
+        Ok((board, listener)) => {
+            local.spawn_local(board::hear(listener, desk.progress.clone(), desk.timeline.clone()));
+            Some(board)
+        }
+        Err(error) => {
+            output::note(&format!("no status and no marks for this recording: {error:#}"));
+            None
+        }
+    };
     let mut watch = Watch {
+        board,
+        buses: &desk.units,
         timeline: &desk.timeline,
         progress: &desk.progress,
         tallies: &desk.tallies,
@@ -198,6 +223,11 @@ impl Desk {
         let segments = Segments::new(Box::new(RealDisk), target, plan.split, plan.writer)?;
         let recorded = buses.iter().zip(&self.tallies).zip(definitions.streams);
         let recorded = recorded.map(|((bus, tally), stream)| bus.recorded(tally, stream)).collect();
+        let (mut facts, mut attachments) = (about::about(), definitions.attachments);
+        if let Some(configuration) = &plan.configuration {
+            facts.insert(format!("configuration.{}", configuration.name), configuration.sha256());
+            attachments.insert(0, configuration.clone());
+        }
         let recorder = Recorder::start(
             self.queue.clone(),
             segments,
@@ -205,8 +235,8 @@ impl Desk {
             recorded,
             self.timeline.clone(),
             plan.pace,
-            about::about(),
-            definitions.attachments,
+            facts,
+            attachments,
             self.progress.clone(),
         )?;
         let ask = move || reason.lock().unwrap_or_else(PoisonError::into_inner).clone();

@@ -16,6 +16,7 @@ use crate::channels::Stream;
 use crate::clock::{Step, Timeline};
 use crate::frame::{Frame, Gap, GapReason, Level, Notice, Stamped, Timestamp, Unit};
 use crate::recording::definition::{Attachment, Facts};
+use crate::recording::event::Event;
 use crate::recording::schema::bustape::ClockSync;
 use crate::recording::writer::{Head, SegmentWriter};
 
@@ -70,6 +71,10 @@ pub struct Recorder {
     progress: Arc<Progress>,
     /// Sentences that wait for the first frame.
     remarks: Vec<Notice>,
+    /// Events that wait for the first frame.
+    events: Vec<Event>,
+    /// Events in the recording so far, for their names.
+    event_count: u64,
     /// There is no more room: the last file is finished.
     full: bool,
     /// `None` once writing has failed for good.
@@ -103,6 +108,8 @@ impl Recorder {
             segments,
             retention,
             remarks: Vec::new(),
+            events: Vec::new(),
+            event_count: 0,
             full: false,
             before: vec![Totals::default(); buses.len()],
             segment_counts: vec![0; buses.len()],
@@ -233,6 +240,7 @@ impl Recorder {
             }
         }
         self.add_remarks(now);
+        self.add_events();
         if now.since(self.last_stats) >= SECOND && self.has_frames() {
             self.add_stats(now);
         }
@@ -246,6 +254,7 @@ impl Recorder {
         }
         let asked = self.progress.take_split();
         self.split_when_full(now, asked);
+        self.progress.gone_round();
     }
 
     fn split_when_full(&mut self, now: Timestamp, asked: bool) {
@@ -270,6 +279,29 @@ impl Recorder {
         let Some(segment) = &mut self.segment else { return };
         for remark in self.remarks.drain(..) {
             segment.writer.add_notice(now, "bustape", &remark).ok();
+        }
+    }
+
+    /// Marks and triggers, as soon as there is a frame.
+    fn add_events(&mut self) {
+        for mut event in self.progress.take_events() {
+            self.event_count += 1;
+            let fact = |name: &str| self.recording.get(name).cloned().unwrap_or_default();
+            event.id = format!("{}/{}", fact("session_id"), self.event_count);
+            event.device = fact("host");
+            self.events.push(event);
+        }
+        if !self.has_frames() {
+            self.events.truncate(EARLY);
+            return;
+        }
+        let Some(segment) = &mut self.segment else { return };
+        let mut failed = None;
+        for event in self.events.drain(..) {
+            failed = segment.writer.add_event(&event).err().or(failed);
+        }
+        if let Some(error) = failed {
+            self.fail(&error);
         }
     }
 
@@ -488,6 +520,7 @@ impl Recorder {
             self.add_stats(self.timeline.now());
         }
         self.add_early(Timestamp(0));
+        self.add_events();
         let now = self.timeline.now();
         for bus in 0..self.buses.len() {
             self.decode(bus, now, Stream::finish);

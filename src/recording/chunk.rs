@@ -13,6 +13,8 @@ pub struct Chunk {
     /// Records as they stand in the chunk.
     records: Vec<u8>,
     index: MessageIndex,
+    /// Bytes of `records` up to the end of the last one that is complete.
+    whole: usize,
 }
 
 /// Which messages a chunk has, for the index that follows it.
@@ -25,8 +27,6 @@ pub struct MessageIndex {
     start: u64,
     end: u64,
     messages: u64,
-    /// Bytes of `records` up to the end of the last one that is complete.
-    whole: usize,
 }
 
 /// A message whose payload is being appended; see [`Chunk::begin`].
@@ -114,6 +114,7 @@ impl Chunk {
     /// Empties the chunk, keeping its buffers.
     pub fn clear(&mut self) {
         self.records.clear();
+        self.whole = 0;
         self.index.clear();
     }
 }

@@ -1,6 +1,7 @@
 //! Every command and option, defined and documented once.
 
 pub mod decode;
+pub mod install;
 pub mod keep;
 pub mod mark;
 pub mod recover;
@@ -12,6 +13,7 @@ use std::time::Duration;
 use clap::{Args, Parser, Subcommand, ValueEnum};
 
 pub use self::decode::DecodeArgs;
+pub use self::install::{CompletionsArgs, ManArgs};
 pub use self::keep::KeepArgs;
 pub use self::mark::{LONGEST_MARK, MarkArgs, StatusArgs};
 pub use self::recover::RecoverArgs;
@@ -68,6 +70,12 @@ pub enum Command {
     Explain(ExplainArgs),
     /// Look at the files that decoding goes by
     Protocols(ProtocolsArgs),
+    /// Print a completion script for a shell
+    #[command(hide = true)]
+    Completions(CompletionsArgs),
+    /// Write the manual pages
+    #[command(hide = true)]
+    Man(ManArgs),
 }
 
 /// Addresses, for the help of every command that takes them.

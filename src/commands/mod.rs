@@ -8,6 +8,7 @@ mod definitions;
 mod demo;
 mod explain;
 mod info;
+mod install;
 mod keep;
 mod mark;
 mod output;
@@ -51,6 +52,8 @@ pub fn main() -> ExitCode {
         Command::Cat(args) => cat::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Recover(args) => recover::run(&args),
+        Command::Completions(args) => install::completions(&args),
+        Command::Man(args) => install::man(&args),
         Command::Keep(args) => keep::run(&args),
         Command::Mark(args) => mark::run(&args),
         Command::Status(args) => overview::run(&args),

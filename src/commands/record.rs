@@ -5,6 +5,7 @@ mod board;
 mod leftovers;
 mod plan;
 mod report;
+mod service;
 mod watch;
 
 use std::io::Write as _;
@@ -38,6 +39,7 @@ use crate::recording::disk::RealDisk;
 use crate::sys::SystemClock;
 use board::Board;
 use leftovers::Leftovers;
+use service::Service;
 use watch::{Signals, Watch};
 
 /// Runs the command.
@@ -143,7 +145,10 @@ pub async fn record(buses: Vec<Bus>, definitions: Definitions, plan: &Plan) -> R
             None
         }
     };
+    let service = Service::find();
+    service.ready();
     let mut watch = Watch {
+        service,
         board,
         buses: &desk.units,
         timeline: &desk.timeline,
@@ -156,6 +161,7 @@ pub async fn record(buses: Vec<Bus>, definitions: Definitions, plan: &Plan) -> R
     let ended =
         local.run_until(watch.until_end(&mut sources, &mut signals, plan, &allowance)).await;
     ended.clone_into(&mut reason.lock().unwrap_or_else(PoisonError::into_inner));
+    watch.service.stopping();
     switch.send(true).ok();
     // Each takes what the kernel still holds. None of them may hold up the end for long.
     let drained = async {

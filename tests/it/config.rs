@@ -102,7 +102,7 @@ fn what_is_printed_can_be_fed_back() {
     let help = bustape(["record", "--help"]).out;
     let ours = ["config", "print-config", "json", "help"];
     for option in help.split_whitespace().filter_map(|word| word.strip_prefix("--")) {
-        let option = option.trim_end_matches([',', '.', ';', ':', ')']);
+        let option = option.trim_end_matches(|c: char| !c.is_alphanumeric());
         let known = first
             .lines()
             .any(|line| line.trim_start_matches("# ").starts_with(&format!("{option} = ")));

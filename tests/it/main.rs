@@ -37,5 +37,6 @@ mod retention;
 mod retime;
 mod segments;
 mod serial;
+mod service;
 mod slow;
 mod support;

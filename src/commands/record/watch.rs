@@ -8,6 +8,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::board::Board;
 use super::plan::Plan;
+use super::service::Service;
 use crate::clock::Timeline;
 use crate::commands::output;
 use crate::commands::status::StatusLine;
@@ -18,6 +19,8 @@ use crate::record::{Allowance, Outcome, Progress, Tally, Totals};
 pub struct Watch<'a> {
     /// What others on this machine see of the recording.
     pub board: Option<Board>,
+    /// Who started this recorder as a service.
+    pub service: Service,
     /// Names of the buses, and what is counted on them.
     pub buses: &'a [(String, Unit)],
     /// The recording's timeline.
@@ -79,6 +82,7 @@ impl Watch<'_> {
                     let totals: Vec<Totals> = self.tallies.iter().map(|t| t.totals()).collect();
                     let now = self.timeline.now();
                     self.status.show(started, now, &totals, &state);
+                    self.service.go_on(&totals, &state);
                     if let Some(board) = &mut self.board {
                         board.show(now, self.buses, &totals, &state);
                     }

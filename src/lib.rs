@@ -25,3 +25,4 @@ pub mod recording;
 pub mod simulate;
 pub mod sys;
 pub mod text;
+pub mod trigger;

@@ -2,6 +2,8 @@
 
 use sha2::{Digest as _, Sha256};
 
+use std::sync::Arc;
+
 use super::can::CanChannels;
 use super::serial::SerialChannels;
 use super::stream::Decode;
@@ -24,7 +26,7 @@ pub struct Definition {
 #[derive(Debug)]
 pub enum Meaning {
     /// The messages of a CAN bus.
-    Can(CanDefinition),
+    Can(Arc<CanDefinition>),
     /// The commands of a serial line.
     Serial(Protocol),
 }

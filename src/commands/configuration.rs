@@ -17,6 +17,7 @@ use clap::{Arg, ArgMatches, Command, CommandFactory as _, FromArgMatches as _};
 use super::UsageError;
 use crate::cli::{self, Cli, RecordArgs};
 use crate::recording::definition::Attachment;
+use crate::trigger::TriggerForm;
 use file::Setting;
 
 /// Name of the attachment with the effective configuration.
@@ -31,20 +32,23 @@ const OF_A_CALL: [&str; 5] = ["config", "print-config", "json", "help", "version
 pub struct Configured {
     /// All options.
     pub args: RecordArgs,
+    /// What is waited for; files only.
+    pub triggers: Vec<TriggerForm>,
     matches: ArgMatches,
 }
 
 impl Configured {
     /// As a configuration file, with what each option means.
-    pub fn explained(&self) -> String {
-        print::explained(&record(), &self.matches)
+    pub fn explained(&self) -> Result<String> {
+        Ok(print::explained(&record(), &self.matches) + &print::triggers(&self.triggers)?)
     }
 
     /// As a configuration file, to be attached to each segment.
-    pub fn attachment(&self) -> Attachment {
-        let data = print::plain(&record(), &self.matches).into_bytes();
+    pub fn attachment(&self) -> Result<Attachment> {
+        let text = print::plain(&record(), &self.matches) + &print::triggers(&self.triggers)?;
+        let data = text.into_bytes();
         let media_type = "application/toml".to_owned();
-        Attachment { name: ATTACHMENT.to_owned(), media_type, data }
+        Ok(Attachment { name: ATTACHMENT.to_owned(), media_type, data })
     }
 }
 
@@ -55,10 +59,16 @@ pub fn configured(typed: &RecordArgs, matches: &ArgMatches) -> Result<Configured
         bail!("the options of record are missing");
     };
     let mut settings: Vec<Setting> = Vec::new();
+    let mut triggers = Vec::new();
     for path in files(typed) {
-        let found = file::read(&path, &record)?;
+        let (found, waited_for) = file::read(&path, &record)?;
+        triggers = waited_for.unwrap_or(triggers);
         settings.retain(|old| !found.iter().any(|new| new.key == old.key));
         settings.extend(found);
+    }
+    if !typed.buses.is_empty() {
+        // What is waited for belongs to the buses.
+        triggers.clear();
     }
     settings.retain(|setting| !is_overruled(setting, &record, matches));
     let mut all = vec![OsString::from("bustape"), record.get_name().into()];
@@ -72,7 +82,7 @@ pub fn configured(typed: &RecordArgs, matches: &ArgMatches) -> Result<Configured
         bail!("the options of record are missing");
     };
     complete(&args)?;
-    Ok(Configured { args: *args, matches: matches.clone() })
+    Ok(Configured { args: *args, triggers, matches: matches.clone() })
 }
 
 /// What has no default has to be said somewhere.

@@ -37,6 +37,7 @@ use crate::record::{
 };
 use crate::recording::disk::RealDisk;
 use crate::sys::SystemClock;
+use crate::trigger::Triggers;
 use board::Board;
 use leftovers::Leftovers;
 use service::Service;
@@ -48,12 +49,17 @@ pub fn run(typed: &RecordArgs, matches: &ArgMatches) -> Result<Ended> {
     let args = &configured.args;
     let specs = parse_buses(&args.buses)?;
     let mut plan = Plan::of(args)?;
-    plan.configuration = Some(configured.attachment());
+    plan.configuration = Some(configured.attachment()?);
     let names: Vec<String> = specs.iter().map(|spec| spec.name.clone()).collect();
-    let definitions = definitions::load(&args.decode, &names, Vec::new())?;
+    let mut definitions = definitions::load(&args.decode, &names, Vec::new())?;
+    if !configured.triggers.is_empty() {
+        let known: Vec<_> = names.into_iter().zip(definitions.can.iter().cloned()).collect();
+        let triggers = Triggers::new(&configured.triggers, &known).map_err(UsageError)?;
+        definitions.triggers = Some(triggers);
+    }
     if args.print_config {
         let mut out = output::stdout();
-        out.write_all(configured.explained().as_bytes())?;
+        out.write_all(configured.explained()?.as_bytes())?;
         out.flush()?;
         return Ok(Ended::Well);
     }
@@ -245,6 +251,10 @@ impl Desk {
             attachments,
             self.progress.clone(),
         )?;
+        let recorder = match definitions.triggers {
+            Some(triggers) => recorder.watch(triggers).context("cannot start the triggers")?,
+            None => recorder,
+        };
         let ask = move || reason.lock().unwrap_or_else(PoisonError::into_inner).clone();
         std::thread::Builder::new()
             .name("writer".to_owned())

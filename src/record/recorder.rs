@@ -6,6 +6,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::alarm::Alarm;
 use super::bus::{RecordedBus, summary};
 use super::progress::Progress;
 use super::queue::{Item, Queue};
@@ -19,6 +20,7 @@ use crate::recording::definition::{Attachment, Facts};
 use crate::recording::event::Event;
 use crate::recording::schema::bustape::ClockSync;
 use crate::recording::writer::{Head, SegmentWriter};
+use crate::trigger::{Fired, Triggers};
 
 /// Most items taken from the queue at once: bounds the memory beside the queue to some 400 KiB.
 const TAKE: usize = 4096;
@@ -63,6 +65,7 @@ pub struct Recorder {
     queue: Arc<Queue>,
     segments: Segments,
     retention: Option<Retention>,
+    alarm: Option<Alarm>,
     buses: Vec<RecordedBus>,
     timeline: Timeline,
     pace: Pace,
@@ -107,6 +110,7 @@ impl Recorder {
             queue,
             segments,
             retention,
+            alarm: None,
             remarks: Vec::new(),
             events: Vec::new(),
             event_count: 0,
@@ -130,6 +134,25 @@ impl Recorder {
             retention.refresh();
         }
         Ok(recorder)
+    }
+
+    /// Watches for `triggers`, too.
+    pub fn watch(mut self, mut triggers: Triggers) -> std::io::Result<Self> {
+        triggers.begin(self.timeline.now());
+        self.alarm = Some(Alarm::new(triggers, self.progress.clone())?);
+        Ok(self)
+    }
+
+    /// Lets the triggers look at something. Whatever happens there, the recording goes on.
+    #[inline]
+    fn alarm(&mut self, show: impl FnOnce(&mut Triggers, &mut Vec<Fired>)) {
+        if let Some(alarm) = &mut self.alarm
+            && !alarm.watch(show)
+        {
+            self.alarm = None;
+            let text = "the triggers have failed and are off; the recording goes on".to_owned();
+            self.progress.remark(Level::Error, text);
+        }
     }
 
     /// Writes until the queue is closed and empty, then finishes the file. `reason` says why the
@@ -160,10 +183,11 @@ impl Recorder {
 
     /// Everything that was read before `time` has been taken.
     fn pass(&mut self, time: Timestamp) {
+        let time = Timestamp(time.nanos().saturating_sub(SLOWEST));
+        self.alarm(|triggers, fired| triggers.pass(time, fired));
         if !self.has_frames() {
             return;
         }
-        let time = Timestamp(time.nanos().saturating_sub(SLOWEST));
         for bus in 0..self.buses.len() {
             self.decode(bus, time, |stream, writer| stream.pass(time, writer));
         }
@@ -226,6 +250,7 @@ impl Recorder {
         };
         let frame = &item.frame;
         self.decode(bus, frame.time, |stream, writer| stream.take(frame, writer));
+        self.alarm(|triggers, fired| triggers.take(bus, frame, fired));
         if full {
             self.cut();
             self.split_when_full(self.timeline.now(), false);

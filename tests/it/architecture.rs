@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// For each part what it may use: all that there is to know about where a change can have effects.
-const ARROWS: [(&str, &[&str]); 16] = [
+const ARROWS: [(&str, &[&str]); 17] = [
     ("frame", &[]),
     ("clock", &["frame"]),
     ("text", &["frame"]),
@@ -13,7 +13,7 @@ const ARROWS: [(&str, &[&str]); 16] = [
     // Capture never touches the disk.
     ("capture", &["frame", "clock", "sys", "record"]),
     ("recording", &["frame", "record"]),
-    ("record", &["frame", "clock", "text", "recording", "capture", "channels"]),
+    ("record", &["frame", "clock", "text", "recording", "capture", "channels", "trigger"]),
     ("simulate", &["frame", "clock", "sys", "capture", "record"]),
     // What frames mean: no files, no buses.
     // Fields of messages of several frames are written as those of serial lines.
@@ -21,6 +21,8 @@ const ARROWS: [(&str, &[&str]); 16] = [
     ("protocol", &["frame"]),
     // What frames mean, as messages of a recording.
     ("channels", &["frame", "decode", "protocol", "recording"]),
+    // What is waited for, and what is done then.
+    ("trigger", &["frame", "decode", "recording", "text"]),
     ("address", &["capture", "simulate"]),
     ("cli", &["text", "record", "recording"]),
     (
@@ -39,6 +41,7 @@ const ARROWS: [(&str, &[&str]); 16] = [
             "simulate",
             "sys",
             "text",
+            "trigger",
         ],
     ),
     ("lib", &[]),

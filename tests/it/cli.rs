@@ -4,8 +4,10 @@ use std::ffi::OsString;
 
 use crate::support::process::{args, bustape};
 
-const COMMANDS: [&str; 9] =
-    ["record", "info", "cat", "convert", "recover", "retime", "keep", "ports", "demo"];
+const COMMANDS: [&str; 11] = [
+    "record", "info", "cat", "convert", "recover", "retime", "keep", "mark", "status", "ports",
+    "demo",
+];
 
 #[test]
 fn wrong_usage_is_refused_with_a_sentence_and_leaves_nothing() {

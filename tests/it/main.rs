@@ -40,3 +40,4 @@ mod serial;
 mod service;
 mod slow;
 mod support;
+mod trigger;

@@ -9,6 +9,7 @@ use toml::de::{DeTable, DeValue};
 
 use super::keys;
 use crate::commands::UsageError;
+use crate::trigger::TriggerForm;
 
 /// A file beyond this many bytes is not a configuration.
 const MAX_FILE: u64 = 1 << 20;
@@ -37,8 +38,18 @@ impl Setting {
     }
 }
 
-/// Reads `path`. What it may say is what `record` knows.
-pub fn read(path: &Path, record: &Command) -> Result<Vec<Setting>> {
+/// The one key that is no option.
+const TRIGGER: &str = "trigger";
+
+/// The triggers of a file, beside what else is in it.
+#[derive(serde::Deserialize)]
+struct Waiting {
+    #[serde(default)]
+    trigger: Vec<TriggerForm>,
+}
+
+/// Reads `path`. What it may say is what `record` knows, and triggers.
+pub fn read(path: &Path, record: &Command) -> Result<(Vec<Setting>, Option<Vec<TriggerForm>>)> {
     let name = path.display();
     let about = || format!("cannot read the configuration {name}");
     let bytes = path.metadata().with_context(about)?.len();
@@ -47,10 +58,14 @@ pub fn read(path: &Path, record: &Command) -> Result<Vec<Setting>> {
     }
     let text = std::fs::read_to_string(path).with_context(about)?;
     let file = File { path, text: &text };
-    let table = DeTable::parse(&text)
-        .map_err(|error| file.wrong(error.span().unwrap_or(0..0), error.message()))?;
-    let mut settings = Vec::new();
+    let table = DeTable::parse(&text).map_err(|error| file.toml(&error))?;
+    let (mut settings, mut triggers) = (Vec::new(), None);
     for (key, value) in table.get_ref() {
+        if key.get_ref().as_ref() == TRIGGER {
+            let waiting = toml::from_str::<Waiting>(&text).map_err(|error| file.toml(&error))?;
+            triggers = Some(waiting.trigger);
+            continue;
+        }
         let option = keys(record).find(|(known, _)| *known == key.get_ref().as_ref());
         let Some((known, arg)) = option else {
             return Err(file.unknown(key.get_ref(), key.span(), record));
@@ -60,7 +75,7 @@ pub fn read(path: &Path, record: &Command) -> Result<Vec<Setting>> {
         let Some(values) = values else { continue };
         settings.push(Setting { key: known.to_owned(), values, place: file.place(&key.span()) });
     }
-    Ok(settings)
+    Ok((settings, triggers))
 }
 
 /// The values of an option, `Some(None)` for a switch that is on, `None` for one that is off. The
@@ -100,6 +115,10 @@ impl File<'_> {
         let before = self.text.as_bytes().get(..span.start).unwrap_or_default();
         let line = before.split(|byte| *byte == b'\n').count();
         format!("{}, line {line}", self.path.display())
+    }
+
+    fn toml(&self, error: &toml::de::Error) -> anyhow::Error {
+        self.wrong(error.span().unwrap_or(0..0), error.message())
     }
 
     fn wrong(&self, span: Range<usize>, text: &str) -> anyhow::Error {

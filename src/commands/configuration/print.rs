@@ -1,9 +1,11 @@
 //! Writes a configuration file.
 
+use anyhow::{Context as _, Result};
 use clap::{Arg, ArgAction, ArgMatches, Command};
 use toml::Value;
 
 use super::keys;
+use crate::trigger::TriggerForm;
 
 /// Columns of a comment.
 const WIDTH: usize = 98;
@@ -29,6 +31,15 @@ pub fn explained(record: &Command, matches: &ArgMatches) -> String {
         }
     }
     text
+}
+
+/// The triggers, behind everything else.
+pub fn triggers(triggers: &[TriggerForm]) -> Result<String> {
+    let tables = triggers.iter().map(|trigger| {
+        let table = toml::to_string(trigger).context("a trigger cannot be written as TOML")?;
+        Ok(format!("\n[[trigger]]\n{table}"))
+    });
+    tables.collect()
 }
 
 fn line(key: &str, value: &Value) -> String {

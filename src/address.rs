@@ -4,8 +4,11 @@ use crate::capture::serial::SerialAddress;
 use crate::capture::slcan::{Slcan, SlcanAddress};
 use crate::capture::socketcan::{CanOptions, CanSettings, SocketCan};
 use crate::capture::{CaptureError, Source};
+use crate::simulate::faults::Rates;
+use crate::simulate::hmi_can::fault::{self as bus_fault, BusFaults};
 use crate::simulate::rectifier_line::SimulatedRectifier;
-use crate::simulate::source::{DEMO_TIME_SCALE, SimulatedCan};
+use crate::simulate::source::{Life, SimulatedCan};
+use crate::simulate::zhongheng::fault::{self as line_fault, LineFaults};
 
 /// A bus to be recorded: its name, and where it is.
 #[derive(Clone, Debug)]
@@ -27,14 +30,10 @@ enum Address {
     /// A serial line.
     Serial(SerialAddress),
     /// `sim:hmi-can`: the CAN link of a hybrid solar power station.
-    SimulatedStation,
+    SimulatedStation(Life, BusFaults),
     /// `sim:zhongheng-09`: a telecom rectifier monitor and its master.
-    SimulatedRectifier,
+    SimulatedRectifier(Life, LineFaults),
 }
-
-/// The same for everybody, so that two people see the same recording. This one has clouds, a
-/// mains failure and a generator start in its first minute.
-const SEED: u64 = 13;
 
 /// What a bus argument got wrong. The text is the whole sentence.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
@@ -65,9 +64,11 @@ impl BusSpec {
             Address::Can(settings) => SocketCan::open(settings, can),
             Address::Slcan(address) => Ok(Box::new(Slcan::open(address.clone())?)),
             Address::Serial(address) => address.clone().open(),
-            Address::SimulatedStation => Ok(Box::new(SimulatedCan::new(SEED, DEMO_TIME_SCALE))),
-            Address::SimulatedRectifier => {
-                Ok(Box::new(SimulatedRectifier::new(SEED, DEMO_TIME_SCALE)))
+            Address::SimulatedStation(life, faults) => {
+                Ok(Box::new(SimulatedCan::new(*life, faults.clone())))
+            }
+            Address::SimulatedRectifier(life, faults) => {
+                Ok(Box::new(SimulatedRectifier::new(*life, faults.clone())))
             }
         }
     }
@@ -76,9 +77,13 @@ impl BusSpec {
 impl Address {
     fn parse(text: &str) -> Result<Self, String> {
         if let Some(device) = text.strip_prefix("sim:") {
+            let (device, options) = device.split_once(',').unwrap_or((device, ""));
             return match device {
-                "hmi-can" => Ok(Self::SimulatedStation),
-                "zhongheng-09" => Ok(Self::SimulatedRectifier),
+                "hmi-can" => {
+                    simulated(options, bus_fault::FAULTS).map(|(l, f)| Self::SimulatedStation(l, f))
+                }
+                "zhongheng-09" => simulated(options, line_fault::FAULTS)
+                    .map(|(l, f)| Self::SimulatedRectifier(l, f)),
                 _ => Err(format!(
                     "there is no simulated device \"{}\"; there are sim:hmi-can and \
                      sim:zhongheng-09",
@@ -100,14 +105,47 @@ impl Address {
             Self::Can(settings) => settings.interface.clone(),
             Self::Slcan(address) => address.default_name(),
             Self::Serial(address) => address.default_name(),
-            Self::SimulatedStation => "hmi-can".to_owned(),
-            Self::SimulatedRectifier => "zhongheng-09".to_owned(),
+            Self::SimulatedStation(..) => "hmi-can".to_owned(),
+            Self::SimulatedRectifier(..) => "zhongheng-09".to_owned(),
         }
     }
 }
 
+/// `seed=N`, `time-scale=X` and rates of faults, with commas between them.
+fn simulated<F: Copy>(
+    options: &str,
+    known: &'static [(&'static str, F)],
+) -> Result<(Life, Rates<F>), String> {
+    let (mut life, mut faults) = (Life::default(), Rates::none(known));
+    for option in options.split(',').filter(|option| !option.is_empty()) {
+        let (name, value) = option.split_once('=').unwrap_or((option, ""));
+        let wrong =
+            |expected| Err(format!("{name} is \"{}\", not {expected}", value.escape_debug()));
+        match name {
+            "seed" => match value.parse() {
+                Ok(seed) => life.seed = seed,
+                Err(_) => return wrong("a whole number"),
+            },
+            "time-scale" => match value.parse() {
+                Ok(scale) if (0.01..=100_000.0).contains(&scale) => life.time_scale = scale,
+                _ => return wrong("a number from 0.01 to 100000"),
+            },
+            _ if faults.set(name, value)? => {}
+            _ => {
+                let names: Vec<&str> = known.iter().map(|(name, _)| *name).collect();
+                return Err(format!(
+                    "a simulated device has no option \"{}\"; there are seed, time-scale, {}",
+                    name.escape_debug(),
+                    names.join(", ")
+                ));
+            }
+        }
+    }
+    Ok((life, faults))
+}
+
 /// A name becomes part of topics, of metadata names and of file names of exports.
-fn check_name(name: &str) -> Result<(), String> {
+pub fn check_name(name: &str) -> Result<(), String> {
     let fits = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
     if name.is_empty() || name.len() > 64 || name.starts_with('.') || !name.chars().all(fits) {
         return Err(format!(

@@ -19,6 +19,7 @@ pub mod clock;
 pub mod commands;
 pub mod decode;
 pub mod frame;
+pub mod permit;
 pub mod protocol;
 pub mod record;
 pub mod recording;

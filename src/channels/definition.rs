@@ -28,7 +28,7 @@ pub enum Meaning {
     /// The messages of a CAN bus.
     Can(Arc<CanDefinition>),
     /// The commands of a serial line.
-    Serial(Protocol),
+    Serial(Box<Protocol>),
 }
 
 impl Definition {

@@ -106,7 +106,7 @@ pub fn of_quantity(quantity: &Quantity) -> Field {
 /// A field, and its twin if it needs one: the bits of flags, the bytes of what is no text.
 pub fn of_plan(plan: &FieldPlan) -> (Field, Option<Field>) {
     let mut field = Field::new(&*plan.name, kind(plan));
-    field.unit = plan.unit.as_deref().unwrap_or_default().to_owned();
+    plan.unit.as_deref().unwrap_or_default().clone_into(&mut field.unit);
     field.labels = plan.values.as_ref().map_or(Vec::new(), |values| labels(values));
     let twin = match (&plan.flags, plan.kind) {
         (Some(flags), _) => {

@@ -131,7 +131,7 @@ impl Messages {
             ItemKind::Frame(frame) => {
                 message.data.clone_from(&frame.bytes);
                 message.valid = frame.link_error.is_none();
-                message.error = frame.link_error.as_deref().unwrap_or_default().to_owned();
+                frame.link_error.as_deref().unwrap_or_default().clone_into(&mut message.error);
                 match self.place(frame) {
                     Some(place) => message.message = self.topic(place),
                     None => out.counts.unknown += u64::from(message.valid),

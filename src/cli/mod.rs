@@ -4,8 +4,10 @@ pub mod decode;
 pub mod install;
 pub mod keep;
 pub mod mark;
+pub mod protocols;
 pub mod recover;
 pub mod retime;
+pub mod simulate;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -36,7 +38,8 @@ pub struct Cli {
 
 const EXIT_CODES: &str = "\
 Results go to stdout, everything else to stderr.
-Exit status: 0 ok, 1 failed, 2 wrong usage, 3 finished but something was lost or skipped.";
+Exit status: 0 ok, 1 failed, 2 wrong usage, 3 finished but something was lost or skipped,
+4 refused to transmit.";
 
 /// The commands.
 #[derive(Debug, Subcommand)]
@@ -76,6 +79,8 @@ pub enum Command {
     /// Write the manual pages
     #[command(hide = true)]
     Man(ManArgs),
+    /// Simulate a device for other programs to talk to
+    Simulate(simulate::SimulateArgs),
 }
 
 /// Addresses, for the help of every command that takes them.
@@ -94,7 +99,9 @@ Addresses ([NAME=]ADDRESS; without a name the last part of the address is the na
                                    a pty at PATH for the application, the real port behind it
   pty:PATH                         a new pseudo-terminal linked at PATH
   slcan:/dev/ttyACM0@500000        CAN adapter with the Lawicel ASCII protocol
-  sim:hmi-can, sim:zhongheng-09    simulated devices
+  sim:hmi-can, sim:zhongheng-09    simulated devices; options with commas: seed=N, time-scale=X, and
+                                   the faults that \"bustape simulate\" has, as in
+                                   sim:zhongheng-09,seed=7,bad-crc=0.01
 
 PROTOCOL:
   hmi-can, zhongheng-09            built in
@@ -112,8 +119,8 @@ pub struct RecordArgs {
     #[arg(value_name = "BUS")]
     pub buses: Vec<String>,
 
-    /// Write what the frames of this bus mean as decoded channels, too; once for each bus [default:
-    /// none]
+    /// Write what the frames of this bus mean as decoded channels, too; once for each bus
+    /// [default: not decoded]
     #[arg(long, value_name = "BUS=PROTOCOL")]
     pub decode: Vec<String>,
 
@@ -387,6 +394,12 @@ pub enum ProtocolsCommand {
 Exit status: 0 all of the file was loaded (oddities may have been read in a way that is said), 1 it
 cannot be used, 3 something in it could not be loaded.")]
     Check(CheckArgs),
+    /// List what is built in
+    List(protocols::ListArgs),
+    /// Show messages and signals, or commands and fields
+    Show(protocols::ShowArgs),
+    /// Print a layout for Foxglove or Lichtblick
+    Layout(protocols::LayoutArgs),
 }
 
 /// Options of `bustape protocols check`.

@@ -70,7 +70,7 @@ fn options(recording: &Recording, compression: i32) -> WriterOptions {
     let layout = rewrite::layout_of(recording);
     let default = WriterOptions::default();
     let batch_nanos = batches.max().unwrap_or(default.batch_nanos);
-    WriterOptions { layout, compression, batch_nanos, ..default }
+    WriterOptions { layout, batch_nanos, compression, ..default }
 }
 
 /// Copies every message, and adds what the raw ones mean.

@@ -66,7 +66,7 @@ fn definition(text: &str) -> Result<(Definition, bool)> {
         let name = format!("{}.toml", serial.protocol.name);
         let attachment = attachment(serial.file.as_deref().unwrap_or(&name), serial.text.into());
         let protocol = with_settings(&serial.file.unwrap_or(serial.protocol.name.clone()), text);
-        let meaning = Meaning::Serial(serial.protocol);
+        let meaning = Meaning::Serial(Box::new(serial.protocol));
         return Ok((Definition { protocol, attachments: vec![attachment], meaning }, true));
     }
     let can = protocols::named(text)?;
@@ -129,7 +129,7 @@ pub fn sentence(stream: &Stream) -> String {
         grouped(counts.unknown),
     );
     if counts.invalid > 0 {
-        text.push_str(&format!(", {} invalid", grouped(counts.invalid)));
+        text += &[", ", &grouped(counts.invalid), " invalid"].concat();
     }
     text
 }

@@ -1,7 +1,7 @@
 //! `bustape demo`: a recording without any hardware.
 
 use anyhow::{Context as _, Result};
-use socketcan::{CanInterface, Socket as _};
+use socketcan::CanInterface;
 
 use super::record::{self, Bus, Plan};
 use super::{Ended, definitions, info, output};
@@ -11,13 +11,13 @@ use crate::cli::DemoArgs;
 use crate::record::{Pace, Split, Target};
 use crate::recording::reader::Recording;
 use crate::recording::writer::WriterOptions;
+use crate::simulate::hmi_can::fault::{self as bus_fault, BusFaults};
 use crate::simulate::hmi_can::{HmiCan, onto_can};
 use crate::simulate::rectifier_line::SimulatedRectifier;
-use crate::simulate::source::{DEMO_TIME_SCALE, SimulatedCan};
+use crate::simulate::source::{Life, SimulatedCan};
+use crate::simulate::zhongheng::fault::{self as line_fault, LineFaults};
 use crate::text::duration;
 
-/// The same demo for everybody.
-const SEED: u64 = 13;
 /// Name of the interface the demo makes for itself.
 const INTERFACE: &str = "vcan-bustape";
 
@@ -39,7 +39,10 @@ pub fn run(args: &DemoArgs) -> Result<Ended> {
         let rectifier = Bus {
             name: "rectifier".to_owned(),
             address: "sim:zhongheng-09".to_owned(),
-            source: Box::new(SimulatedRectifier::new(SEED, DEMO_TIME_SCALE)),
+            source: Box::new(SimulatedRectifier::new(
+                Life::default(),
+                LineFaults::none(line_fault::FAULTS),
+            )),
         };
         output::note("rectifier: the polling master and the monitor talk over a pseudo-terminal.");
         record::record(vec![station, rectifier], definitions, &plan(args)).await
@@ -81,7 +84,8 @@ fn station() -> (Bus, Option<Vcan>) {
                 "station: on a bus inside this process. A virtual CAN interface, which needs root \
                  and a kernel with vcan, cannot be made here: {why:#}."
             ));
-            let source = Box::new(SimulatedCan::new(SEED, DEMO_TIME_SCALE));
+            let source =
+                Box::new(SimulatedCan::new(Life::default(), BusFaults::none(bus_fault::FAULTS)));
             (Bus { name, address: "sim:hmi-can".to_owned(), source }, None)
         }
     }
@@ -103,10 +107,13 @@ impl Vcan {
         }
         let settings = INTERFACE.parse()?;
         let source = SocketCan::open(&settings, &CanOptions::default())?;
-        let socket = socketcan::CanSocket::open(INTERFACE)?;
-        socket.set_nonblocking(true)?;
-        let station = HmiCan::new(SEED, DEMO_TIME_SCALE);
-        vcan.sender = Some(tokio::spawn(onto_can::send(station, socket)));
+        let transmitter = onto_can::Transmitter::open(INTERFACE)?;
+        let life = Life::default();
+        let station = HmiCan::new(life.seed, life.time_scale);
+        vcan.sender = Some(tokio::spawn(async move {
+            // It ends with the interface.
+            onto_can::play(station, &transmitter).await.ok();
+        }));
         Ok((vcan, source))
     }
 }

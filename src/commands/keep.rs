@@ -19,9 +19,9 @@ pub fn run(args: &KeepArgs) -> Result<Ended> {
         }
         let mark = keep_mark(file);
         if args.undo {
-            unmark(&mark)?
+            unmark(&mark)?;
         } else {
-            set(&mark)?
+            set(&mark)?;
         }
         let kept = if args.undo { "may be deleted again" } else { "is kept" };
         output::note(&format!("{} {kept}", file.display()));

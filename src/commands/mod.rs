@@ -20,6 +20,7 @@ mod recover;
 mod retime;
 mod rewrite;
 mod running;
+mod simulate;
 mod status;
 
 use std::process::ExitCode;
@@ -27,6 +28,7 @@ use std::process::ExitCode;
 use clap::{CommandFactory as _, FromArgMatches as _};
 
 use crate::cli::{Cli, Command};
+use crate::permit::Refused;
 
 /// How a command ended, when it did not fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -63,6 +65,7 @@ pub fn main() -> ExitCode {
         Command::Demo(args) => demo::run(&args),
         Command::Explain(args) => explain::run(&args),
         Command::Protocols(args) => protocols::run(&args),
+        Command::Simulate(args) => simulate::run(&args),
     };
     match result {
         Ok(Ended::Well) => ExitCode::SUCCESS,
@@ -70,7 +73,18 @@ pub fn main() -> ExitCode {
         Err(error) if output::is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             output::error(&format!("{error:#}"));
-            ExitCode::from(if error.is::<UsageError>() { 2 } else { 1 })
+            ExitCode::from(status(&error))
         }
+    }
+}
+
+/// The exit status of a command that failed.
+fn status(error: &anyhow::Error) -> u8 {
+    if error.is::<UsageError>() {
+        2
+    } else if error.is::<Refused>() {
+        4
+    } else {
+        1
     }
 }

@@ -1,5 +1,11 @@
 //! `bustape protocols`: the files that decoding goes by.
 
+mod can;
+mod layout;
+mod list;
+mod serial;
+mod show;
+
 use std::io::{Read as _, Write as _};
 use std::path::Path;
 
@@ -12,13 +18,92 @@ use crate::decode::dbc::{self, Oddities, Oddity};
 use crate::decode::definition::CanDefinition;
 use crate::decode::protocol::CanProtocol;
 use crate::decode::rules::Rules;
+use crate::protocol::{BUILT_IN, Protocol};
 use crate::text::{grouped, printable};
 
 /// Runs the command.
 pub fn run(args: &ProtocolsArgs) -> Result<Ended> {
     match &args.command {
         ProtocolsCommand::Check(args) => check(args),
+        ProtocolsCommand::List(args) => list::run(args),
+        ProtocolsCommand::Show(args) => show::run(args),
+        ProtocolsCommand::Layout(args) => layout::run(args),
     }
+}
+
+/// What a PROTOCOL of either kind defines.
+pub enum Definition {
+    /// A DBC file, with its rules if there are any.
+    Can(Box<CanDefinition>),
+    /// A definition in TOML.
+    Serial(Box<Protocol>),
+}
+
+impl Definition {
+    fn kind(&self) -> &'static str {
+        match self {
+            Self::Can(_) => "can",
+            Self::Serial(_) => "serial",
+        }
+    }
+
+    fn title(&self) -> String {
+        match self {
+            Self::Can(definition) => definition.title().map_or_else(
+                // The first sentence: a comment may be as long as the whole manual.
+                || definition.database().comment.split(". ").next().unwrap_or_default().to_owned(),
+                str::to_owned,
+            ),
+            Self::Serial(protocol) => protocol.title.clone().unwrap_or_default(),
+        }
+    }
+
+    /// Messages and signals, or commands and fields.
+    fn counts(&self) -> (usize, usize) {
+        match self {
+            Self::Can(definition) => (definition.messages().len(), signals(definition)),
+            Self::Serial(protocol) => {
+                let fields = protocol.commands.iter().map(|command| command.fields.fields.len());
+                (protocol.commands.len(), fields.sum())
+            }
+        }
+    }
+
+    /// What they are called.
+    fn words(&self) -> [&'static str; 2] {
+        match self {
+            Self::Can(_) => ["messages", "signals"],
+            Self::Serial(_) => ["commands", "fields"],
+        }
+    }
+}
+
+/// The definition a person means, of either kind.
+fn load_any(text: &str) -> Result<Definition> {
+    if let Some(protocol) = super::explain::serial::load(text)? {
+        return Ok(Definition::Serial(Box::new(protocol)));
+    }
+    let CanFiles { definition, oddities, .. } = load(&named(text)?)?;
+    if oddities.lost() > 0 {
+        output::warning(&format!(
+            "{} things in it could not be loaded; \"bustape protocols check {text}\" lists them",
+            oddities.lost()
+        ));
+    }
+    Ok(Definition::Can(Box::new(definition)))
+}
+
+/// The files of a definition, byte by byte, and their names.
+fn source(text: &str) -> Result<Vec<(String, Vec<u8>)>> {
+    // Without settings, which no file name has behind its ending.
+    let name = text.split_once(':').map_or(text, |(name, _)| name);
+    if let Some((_, definition)) = BUILT_IN.iter().find(|(built_in, _)| *built_in == name) {
+        return Ok(vec![(format!("{name}.toml"), definition.as_bytes().to_vec())]);
+    }
+    if super::explain::serial::load(text)?.is_some() {
+        return Ok(vec![(name.to_owned(), read(Path::new(name))?)]);
+    }
+    Ok(load(&named(text)?)?.files)
 }
 
 /// The protocol a person means.
@@ -129,7 +214,7 @@ fn check(args: &CheckArgs) -> Result<Ended> {
 }
 
 /// A definition of a serial protocol loads as a whole or not at all.
-fn check_serial(name: &str, protocol: &crate::protocol::Protocol, as_json: bool) -> Result<Ended> {
+fn check_serial(name: &str, protocol: &Protocol, as_json: bool) -> Result<Ended> {
     let commands = protocol.commands.len();
     let mut out = output::stdout();
     if as_json {

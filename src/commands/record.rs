@@ -41,6 +41,7 @@ use crate::trigger::Triggers;
 use board::Board;
 use leftovers::Leftovers;
 use service::Service;
+pub use watch::Stops;
 use watch::{Signals, Watch};
 
 /// Runs the command.

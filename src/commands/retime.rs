@@ -32,7 +32,7 @@ pub fn run(args: &RetimeArgs) -> Result<Ended> {
             recording.segments.len()
         )));
     }
-    let boots = boots(&recording)?;
+    let boots = boots(&recording);
     let mut moves = Vec::new();
     for boot in &boots {
         for &(segment, base) in &boot.segments {

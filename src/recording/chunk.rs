@@ -12,9 +12,9 @@ use crate::frame::Timestamp;
 pub struct Chunk {
     /// Records as they stand in the chunk.
     records: Vec<u8>,
-    index: MessageIndex,
     /// Bytes of `records` up to the end of the last one that is complete.
     whole: usize,
+    index: MessageIndex,
 }
 
 /// Which messages a chunk has, for the index that follows it.

@@ -39,9 +39,10 @@ pub struct RealDisk;
 impl Disk for RealDisk {
     fn create(&self, path: &Path) -> io::Result<Box<dyn OutputFile>> {
         let file = OpenOptions::new().write(true).create_new(true).mode(0o640).open(path)?;
-        // Tells everybody that it is being written, for as long as it is open. Where a file system
+        // Tells everybody that it is being written, for as long as it is open. The name is new, so
+        // at most somebody who looks whether it is locked has to be waited for. Where a file system
         // has no locks, nobody can be told.
-        file.try_lock().ok();
+        file.lock().ok();
         Ok(Box::new(file))
     }
 

@@ -266,9 +266,7 @@ impl Entries<'_> {
             if self.ready.len() - before > MAX_CHUNK_FRAMES {
                 let path = self.recording.segments[segment].path.display();
                 self.damage.push(format!(
-                    "{path}: a chunk with more than {} frames: the rest is passed over",
-                    MAX_CHUNK_FRAMES
-                ));
+                    "{path}: a chunk with more than {MAX_CHUNK_FRAMES} frames: the rest is passed over"));
                 consumed = bytes.len();
                 break;
             }

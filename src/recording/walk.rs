@@ -265,6 +265,6 @@ fn may_be_chunk(start: &[u8], length: u64) -> bool {
 }
 
 /// The record at `at`, whose frame is known to be whole.
-pub fn body<'a>(record: &'a [u8]) -> Option<&'a [u8]> {
+pub fn body(record: &[u8]) -> Option<&[u8]> {
     records::records(record).next().map(|Record { body, .. }| body)
 }

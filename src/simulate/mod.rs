@@ -1,8 +1,8 @@
 //! Devices that do not exist: a hybrid solar power station and a telecom rectifier system.
 //!
-//! They feed `bustape demo` and the addresses `sim:hmi-can` and `sim:zhongheng-09`. Everything but
-//! [`source`] and [`rectifier_line`] is pure: no clock, no files, no sockets. Time is an argument and chance comes from a
-//! seed, so the same seed gives the same bytes.
+//! They feed `bustape demo`, `bustape simulate` and the addresses `sim:hmi-can` and
+//! `sim:zhongheng-09`. Everything but the last two rows below is pure: no clock, no files, no
+//! sockets. Time is an argument and chance comes from a seed, so the same seed gives the same bytes.
 //!
 //! | where | what |
 //! |---|---|
@@ -10,12 +10,16 @@
 //! | [`station`] | the physics of the solar power station |
 //! | [`hmi_can`] | its CAN bus: state, events, the operator's panel |
 //! | [`zhongheng`] | a telecom rectifier plant behind its RS232 monitor |
+//! | [`faults`] | how often something goes wrong |
 //! | [`source`], [`rectifier_line`] | both as sources, in real time |
+//! | [`line`], [`hmi_can::onto_can`] | both on lines and buses of the kernel |
 
 #![allow(clippy::cast_possible_truncation, reason = "physics in f64 becomes fields of a protocol")]
 
 pub mod battery;
+pub mod faults;
 pub mod hmi_can;
+pub mod line;
 pub mod mains;
 pub mod random;
 pub mod rectifier_line;

@@ -5,90 +5,17 @@
 
 use std::cell::RefCell;
 use std::io;
-use std::os::fd::OwnedFd;
 use std::time::Duration;
 
-use nix::errno::Errno;
-use nix::fcntl::{FcntlArg, OFlag, fcntl};
-use nix::sys::termios;
-use tokio::io::Interest;
 use tokio::time::{Instant, sleep, sleep_until};
 
-use super::source::simulated;
+use super::line::Line;
+use super::source::{Life, simulated};
+use super::zhongheng::fault::LineFaults;
 use super::zhongheng::{BAUD, Master, Slave};
 use crate::capture::{BusFacts, CaptureError, Running, Source, Stop};
 use crate::frame::{Direction, Frame, SerialBytes, Unit};
 use crate::record::Inlet;
-use crate::sys::Waiting;
-
-/// A UART hands over what it has received in pieces of about this size.
-const PIECE: usize = 8;
-/// Ten bits a byte: 8N1.
-const NANOS_PER_BYTE: u64 = 10_000_000_000 / BAUD as u64;
-
-/// One end of a line, raw and non-blocking.
-pub struct Line(Waiting<OwnedFd>);
-
-impl Line {
-    /// Takes over a terminal: a serial port, or either end of a pseudo-terminal. Needs a tokio
-    /// runtime.
-    pub fn new(fd: OwnedFd) -> io::Result<Self> {
-        let mut settings = termios::tcgetattr(&fd)?;
-        termios::cfmakeraw(&mut settings);
-        termios::tcsetattr(&fd, termios::SetArg::TCSANOW, &settings)?;
-        let flags = OFlag::from_bits_truncate(fcntl(&fd, FcntlArg::F_GETFL)?);
-        fcntl(&fd, FcntlArg::F_SETFL(flags | OFlag::O_NONBLOCK))?;
-        Ok(Self(Waiting::new(fd, Interest::READABLE | Interest::WRITABLE)?))
-    }
-
-    /// Two ends of one line.
-    pub fn pair() -> io::Result<(Self, Self)> {
-        let pty = nix::pty::openpty(None, None)?;
-        Ok((Self::new(pty.slave)?, Self::new(pty.master)?))
-    }
-
-    /// What one read returns; empty when the other end is closed.
-    async fn read(&self) -> io::Result<Vec<u8>> {
-        let mut bytes = [0; 512];
-        loop {
-            let read = |fd: &OwnedFd| Ok(nix::unistd::read(fd, &mut bytes)?);
-            match self.0.act(Interest::READABLE, read).await {
-                Ok(count) => return Ok(bytes[..count].to_vec()),
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
-                // A pseudo-terminal says so when nobody has the other end open any more.
-                Err(error) if error.raw_os_error() == Some(Errno::EIO as i32) => {
-                    return Ok(Vec::new());
-                }
-                Err(error) => return Err(error),
-            }
-        }
-    }
-
-    async fn write_all(&self, mut bytes: &[u8]) -> io::Result<()> {
-        while !bytes.is_empty() {
-            let write = |fd: &OwnedFd| Ok(nix::unistd::write(fd, bytes)?);
-            match self.0.act(Interest::WRITABLE, write).await {
-                Ok(count) => bytes = &bytes[count..],
-                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
-                Err(error) => return Err(error),
-            }
-        }
-        Ok(())
-    }
-
-    /// Sends `bytes` as fast as the line would carry them, in pieces as a UART hands them over.
-    async fn send(&self, bytes: &[u8]) -> io::Result<()> {
-        let start = Instant::now();
-        let mut sent = 0;
-        for piece in bytes.chunks(PIECE) {
-            sent += piece.len() as u64;
-            // A piece is there when its last byte is.
-            sleep_until(start + Duration::from_nanos(sent * NANOS_PER_BYTE)).await;
-            self.write_all(piece).await?;
-        }
-        Ok(())
-    }
-}
 
 /// Answers on `line` as `slave` until the other end is closed. `seen` gets what each read
 /// returned, before it is acted on.
@@ -132,6 +59,7 @@ pub async fn run_master(
             }
             () = sleep_until(due) => {
                 if let Some(request) = master.poll(nanos(start)) {
+                    line.forget_unread()?;
                     line.send(&request).await?;
                 }
             }
@@ -147,20 +75,19 @@ fn nanos(start: Instant) -> u64 {
 pub struct SimulatedRectifier {
     master: Master,
     slave: Slave,
-    seed: u64,
-    time_scale: f64,
+    life: Life,
 }
 
 impl SimulatedRectifier {
-    /// The plant of `seed`, whose time runs `time_scale` times as fast as real time. The master
-    /// calls the general address 0 and the slave answers as 1, as in the document's examples.
-    pub fn new(seed: u64, time_scale: f64) -> Self {
-        let (master, slave) = (Master::new(seed, 0), Slave::new(1, seed, time_scale));
-        Self { master, slave, seed, time_scale }
+    /// The plant of one life. The master calls the general address 0 and the slave answers as 1,
+    /// as in the document's examples.
+    pub fn new(life: Life, faults: LineFaults) -> Self {
+        let slave = Slave::new(1, life.seed, life.time_scale).with_faults(faults);
+        Self { master: Master::new(life.seed, 0), slave, life }
     }
 
     async fn play(self, inlet: Inlet, mut stop: Stop) -> io::Result<()> {
-        let (device, host) = Line::pair()?;
+        let (device, host) = Line::pair(BAUD)?;
         let inlet = RefCell::new(inlet);
         let (full, mut satisfied) = tokio::sync::watch::channel(false);
         let record = |direction: Direction, bytes: &[u8]| {
@@ -182,7 +109,7 @@ impl SimulatedRectifier {
 
 impl Source for SimulatedRectifier {
     fn facts(&self) -> BusFacts {
-        let mut more = simulated(self.seed, self.time_scale);
+        let mut more = simulated(self.life);
         more.insert("settings".to_string(), format!("{BAUD},8N1"));
         BusFacts { unit: Some(Unit::Bytes), bitrate: Some(BAUD), data_bitrate: None, more }
     }
@@ -205,8 +132,8 @@ impl Source for SimulatedRectifier {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::simulate::source::DEMO_TIME_SCALE;
     use crate::simulate::source::tests::record;
+    use crate::simulate::zhongheng::fault::FAULTS;
     use crate::simulate::zhongheng::frame::{Deframer, Frame as LineFrame};
 
     fn frames(recorded: &[crate::frame::Stamped<Frame>], wanted: Direction) -> Vec<LineFrame> {
@@ -224,7 +151,8 @@ mod tests {
 
     #[test]
     fn both_directions_are_recorded_and_every_request_has_its_answer() {
-        let source = SimulatedRectifier::new(3, DEMO_TIME_SCALE);
+        let source =
+            SimulatedRectifier::new(Life { seed: 3, ..Life::default() }, LineFaults::none(FAULTS));
         assert_eq!(source.facts().more["settings"], "19200,8N1");
         // `--count` counts reads here: 36 of them are some four requests with their answers.
         let recorded = record(Box::new(source), 36);

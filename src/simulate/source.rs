@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use tokio::time::{Instant, sleep_until};
 
+use super::hmi_can::fault::BusFaults;
 use super::hmi_can::{BIT_RATE, HmiCan};
 use crate::capture::{BusFacts, Running, Source, Stop};
 use crate::frame::{Frame, Unit};
@@ -15,26 +16,46 @@ pub const DEMO_TIME_SCALE: f64 = 1440.0;
 /// The bus of the simulated solar power station (`sim:hmi-can`).
 pub struct SimulatedCan {
     bus: HmiCan,
-    seed: u64,
-    time_scale: f64,
+    life: Life,
+}
+
+/// What every simulated bus is made from.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Life {
+    /// Another number is another life.
+    pub seed: u64,
+    /// How many times faster than real time a day passes.
+    pub time_scale: f64,
+}
+
+impl Default for Life {
+    /// The same for everybody, so that two people see the same recording: one with clouds, a mains
+    /// failure and a generator start in its first minute.
+    fn default() -> Self {
+        Self { seed: 13, time_scale: DEMO_TIME_SCALE }
+    }
 }
 
 impl SimulatedCan {
-    /// The station of `seed`, whose time runs `time_scale` times as fast as real time.
-    pub fn new(seed: u64, time_scale: f64) -> Self {
-        Self { bus: HmiCan::new(seed, time_scale), seed, time_scale }
+    /// The station of one life.
+    pub fn new(life: Life, faults: BusFaults) -> Self {
+        let bus = HmiCan::new(life.seed, life.time_scale).with_faults(faults);
+        Self { bus, life }
     }
 
     async fn play(mut self, mut inlet: Inlet, mut stop: Stop) {
         // Every frame against the start, so that late timers do not add up.
         let start = Instant::now();
-        for (offset, frame) in self.bus.by_ref() {
+        loop {
+            let (offset, frames) = self.bus.step();
             tokio::select! {
                 () = sleep_until(start + Duration::from_nanos(offset)) => {}
                 () = stop.requested() => return,
             }
-            let time = inlet.timeline().now();
-            inlet.push_one(time, Frame::Can(frame));
+            for frame in frames {
+                let time = inlet.timeline().now();
+                inlet.push_one(time, Frame::Can(frame));
+            }
             if inlet.satisfied() {
                 return;
             }
@@ -44,7 +65,7 @@ impl SimulatedCan {
 
 impl Source for SimulatedCan {
     fn facts(&self) -> BusFacts {
-        let more = simulated(self.seed, self.time_scale);
+        let more = simulated(self.life);
         BusFacts { unit: Some(Unit::Frames), bitrate: Some(BIT_RATE), data_bitrate: None, more }
     }
 
@@ -60,11 +81,11 @@ impl Source for SimulatedCan {
 }
 
 /// What every simulated bus says of itself.
-pub(super) fn simulated(seed: u64, time_scale: f64) -> std::collections::BTreeMap<String, String> {
+pub(super) fn simulated(life: Life) -> std::collections::BTreeMap<String, String> {
     let facts = [
         ("kind", "simulated".to_string()),
-        ("seed", seed.to_string()),
-        ("time_scale", time_scale.to_string()),
+        ("seed", life.seed.to_string()),
+        ("time_scale", life.time_scale.to_string()),
     ];
     facts.map(|(name, value)| (name.to_string(), value)).into()
 }
@@ -77,6 +98,7 @@ pub(super) mod tests {
     use crate::clock::{Clock, Reading, Timeline};
     use crate::frame::Stamped;
     use crate::record::{Allowance, Queue, Tally};
+    use crate::simulate::hmi_can::fault::FAULTS;
 
     /// Where the clock of these tests begins, ns since 1970.
     const BEGIN: u64 = 1_700_000_000_000_000_000;
@@ -116,7 +138,8 @@ pub(super) mod tests {
 
     #[test]
     fn the_bus_is_recorded_in_real_time_and_in_order() {
-        let source = SimulatedCan::new(1, DEMO_TIME_SCALE);
+        let source =
+            SimulatedCan::new(Life { seed: 1, ..Life::default() }, BusFaults::none(FAULTS));
         assert_eq!(source.facts().more["kind"], "simulated");
         let frames = record(Box::new(source), 40);
         let mut last = 0;
@@ -140,7 +163,8 @@ pub(super) mod tests {
         switch.send_replace(true);
         let runtime =
             tokio::runtime::Builder::new_current_thread().enable_all().build().expect("no runtime");
-        let running = Box::new(SimulatedCan::new(1, 1.0)).run(inlet, stop);
+        let running =
+            Box::new(SimulatedCan::new(Life::default(), BusFaults::none(FAULTS))).run(inlet, stop);
         runtime.block_on(running).expect("the source failed");
         assert!(tally.totals().received < 1000, "it went on until --count was reached");
     }

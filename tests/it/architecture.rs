@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 /// For each part what it may use: all that there is to know about where a change can have effects.
-const ARROWS: [(&str, &[&str]); 17] = [
+const ARROWS: &[(&str, &[&str])] = &[
     ("frame", &[]),
     ("clock", &["frame"]),
     ("text", &["frame"]),
@@ -24,7 +24,9 @@ const ARROWS: [(&str, &[&str]); 17] = [
     // What is waited for, and what is done then.
     ("trigger", &["frame", "decode", "recording", "text"]),
     ("address", &["capture", "simulate"]),
-    ("cli", &["text", "record", "recording"]),
+    // Where something may be sent.
+    ("permit", &["sys"]),
+    ("cli", &["text", "record", "recording", "simulate"]),
     (
         "commands",
         &[
@@ -35,6 +37,7 @@ const ARROWS: [(&str, &[&str]); 17] = [
             "clock",
             "decode",
             "frame",
+            "permit",
             "protocol",
             "record",
             "recording",

@@ -21,14 +21,14 @@ pub fn trials() -> Vec<Trial> {
 }
 
 /// candump beside the recorder, error frames included.
-struct Candump {
+pub struct Candump {
     child: std::process::Child,
     log: std::path::PathBuf,
     _folder: tempfile::TempDir,
 }
 
 impl Candump {
-    fn start(interfaces: &[&str]) -> Self {
+    pub fn start(interfaces: &[&str]) -> Self {
         let folder = tempfile::tempdir().expect("a temporary folder");
         let log = folder.path().join("log");
         let sockets = || std::fs::read_to_string("/proc/net/can/rcvlist_all").unwrap_or_default();
@@ -45,7 +45,7 @@ impl Candump {
         Self { child, log, _folder: folder }
     }
 
-    fn lines(mut self, count: usize) -> Vec<String> {
+    pub fn lines(mut self, count: usize) -> Vec<String> {
         let read = || std::fs::read_to_string(&self.log).unwrap_or_default();
         wait_until("candump has it all", || read().lines().count() >= count);
         sh(&format!("kill -INT {}", self.child.id()));

@@ -18,6 +18,7 @@ mod frames;
 mod lab;
 mod links;
 mod loss;
+mod simulate;
 mod time;
 
 use std::process::{Command, ExitCode};
@@ -39,7 +40,8 @@ fn main() -> ExitCode {
     }
     // The tests share two interfaces and one clock.
     args.test_threads = Some(1);
-    let trials = [frames::trials(), loss::trials(), links::trials(), time::trials()];
+    let trials =
+        [frames::trials(), loss::trials(), links::trials(), time::trials(), simulate::trials()];
     libtest_mimic::run(&args, trials.into_iter().flatten().collect()).exit_code()
 }
 

@@ -28,7 +28,10 @@ mod trouble;
 
 pub use address::SerialAddress;
 pub use bridge::Bridge;
+pub(crate) use link::Link;
 pub use listen::Listen;
+pub(crate) use open::{PortSpec, Use};
 pub use ports::{PortInfo, serial_ports};
 pub use pty::PtySource;
+pub(crate) use pty::linked;
 pub use settings::{FlowControl, Parity, SerialSettings, SettingsError, StopBits};

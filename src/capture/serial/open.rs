@@ -21,7 +21,8 @@ pub(crate) enum Use {
     Listen,
     /// To pass an application's bytes on.
     Talk,
-    /// To talk to an adapter that speaks a protocol of its own; line errors say nothing there.
+    /// To talk to an adapter that speaks a protocol of its own, or as a simulated device; line
+    /// errors say nothing there.
     Adapter,
 }
 

@@ -1,6 +1,6 @@
 //! What an earlier recording left unfinished is recovered beside the one that begins.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::thread::JoinHandle;
@@ -62,7 +62,7 @@ impl Leftovers {
         AtWork { stop, thread }
     }
 
-    fn one(&self, file: &PathBuf, progress: &Progress, stop: &AtomicBool) {
+    fn one(&self, file: &Path, progress: &Progress, stop: &AtomicBool) {
         let name = file.display();
         let needed = file.metadata().map_or(0, |about| about.len()) + self.min_free + SPARE;
         let free = RealDisk.free(&self.folder).unwrap_or(u64::MAX);

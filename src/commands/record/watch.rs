@@ -115,31 +115,53 @@ pub fn tell(status: &mut StatusLine, notices: &[Notice]) {
     }
 }
 
-/// The three ways a person or the system says stop, and the one to say: a new segment (SIGUSR1).
-pub struct Signals {
+/// The three ways a person or the system says stop.
+pub struct Stops {
     interrupt: Signal,
-    split: Signal,
     terminate: Signal,
     hangup: Signal,
 }
 
-impl Signals {
+impl Stops {
     /// Listens to all of them from now on.
     pub fn new() -> Result<Self> {
-        let listen = |kind| signal(kind).context("cannot listen to signals");
         Ok(Self {
-            split: listen(SignalKind::user_defined1())?,
             interrupt: listen(SignalKind::interrupt())?,
             terminate: listen(SignalKind::terminate())?,
             hangup: listen(SignalKind::hangup())?,
         })
     }
 
+    /// Waits for one of them: its name.
+    pub async fn next(&mut self) -> &'static str {
+        tokio::select! {
+            _ = self.interrupt.recv() => "SIGINT",
+            _ = self.terminate.recv() => "SIGTERM",
+            _ = self.hangup.recv() => "SIGHUP",
+        }
+    }
+}
+
+fn listen(kind: SignalKind) -> Result<Signal> {
+    signal(kind).context("cannot listen to signals")
+}
+
+/// What a running recording listens to.
+pub struct Signals {
+    stops: Stops,
+    /// SIGUSR1: a new segment.
+    split: Signal,
+}
+
+impl Signals {
+    /// Listens to all of them from now on.
+    pub fn new() -> Result<Self> {
+        Ok(Self { stops: Stops::new()?, split: listen(SignalKind::user_defined1())? })
+    }
+
     async fn next(&mut self) -> Asked {
         tokio::select! {
-            _ = self.interrupt.recv() => Asked::Stop("SIGINT"),
-            _ = self.terminate.recv() => Asked::Stop("SIGTERM"),
-            _ = self.hangup.recv() => Asked::Stop("SIGHUP"),
+            name = self.stops.next() => Asked::Stop(name),
             _ = self.split.recv() => Asked::Split,
         }
     }

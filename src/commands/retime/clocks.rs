@@ -37,7 +37,7 @@ struct Stretch {
 }
 
 /// The boots of a recording.
-pub fn boots(recording: &Recording) -> Result<Vec<Boot>> {
+pub fn boots(recording: &Recording) -> Vec<Boot> {
     let mut readings: Vec<Vec<[i128; 3]>> = recording.segments.iter().map(head_reading).collect();
     let mut entries = recording.entries(Recording::ALL, |topic| topic == "/bustape/clock");
     for entry in entries.by_ref() {
@@ -65,7 +65,7 @@ pub fn boots(recording: &Recording) -> Result<Vec<Boot>> {
         clocks.sort_unstable();
         boot.stretches = stretches(&clocks);
     }
-    Ok(boots.into_values().collect())
+    boots.into_values().collect()
 }
 
 /// The clocks as they stood when the segment was begun: time in the file, steady, wall.

@@ -153,10 +153,9 @@ impl<'a> Rewrite<'a> {
                 Some((_, entries)) => self.report.indexed(entries.count() as u64),
                 None => self.report.damage(at, at + length, true),
             },
+            op::SCHEMA | op::CHANNEL if self.definitions.learn(opcode, body, true) => {}
             op::SCHEMA | op::CHANNEL => {
-                if !self.definitions.learn(opcode, body, true) {
-                    self.report.lost(at, length, "a schema or channel that contradicts another");
-                }
+                self.report.lost(at, length, "a schema or channel that contradicts another");
             }
             op::METADATA => self.take_metadata(at, &record, body)?,
             op::DATA_END | op::FOOTER => self.finished = true,
@@ -272,15 +271,12 @@ impl<'a> Rewrite<'a> {
 
     /// A message outside of chunks.
     fn take_loose(&mut self, at: u64, body: &[u8]) -> io::Result<()> {
-        match self.add_message(body) {
-            Some(time) => {
-                self.report.kept(1, (time, time));
-                self.report.loose(self.doubtful);
-            }
-            None => {
-                let why = "a message of an unknown channel";
-                self.report.lost(at, (HEAD + body.len()) as u64, why);
-            }
+        if let Some(time) = self.add_message(body) {
+            self.report.kept(1, (time, time));
+            self.report.loose(self.doubtful);
+        } else {
+            let why = "a message of an unknown channel";
+            self.report.lost(at, (HEAD + body.len()) as u64, why);
         }
         if self.chunk.len() >= CHUNK { self.flush() } else { Ok(()) }
     }

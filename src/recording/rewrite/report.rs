@@ -104,29 +104,31 @@ impl Report {
 
     /// What was kept and lost, in a sentence.
     pub fn sentence(&self) -> String {
-        let mut text = format!(
+        let mut parts = vec![format!(
             "kept {} messages, {} metadata records, {} attachments",
             self.messages, self.metadata, self.attachments
-        );
+        )];
         if !self.finished {
-            text += "; it had not been finished, so what was in memory when it was cut off is not in it";
+            let why =
+                "it had not been finished, so what was in memory when it was cut off is not in it";
+            parts.push(why.to_owned());
         }
         if self.unverified > 0 {
-            text += &format!("; of the messages {} are unverified", self.unverified);
+            parts.push(format!("of the messages {} are unverified", self.unverified));
         }
         let (messages, all) = self.lost_messages();
         if !self.is_whole() {
             let least = if all { "" } else { "at least " };
-            text += &format!("; lost {} bytes, {least}{messages} messages", self.lost_bytes);
+            parts.push(format!("lost {} bytes, {least}{messages} messages", self.lost_bytes));
         }
-        text
+        parts.join("; ")
     }
 
     pub(super) fn damage(&mut self, from: u64, to: u64, of_index: bool) {
         if of_index {
             self.index_bytes += to - from;
         } else {
-            self.lost(from, to - from, "no record");
+            self.lost(from, to - from, "nothing recognisable");
         }
     }
 
@@ -189,7 +191,8 @@ impl Report {
     pub(super) fn kept(&mut self, messages: u64, (start, end): (u64, u64)) {
         self.messages += messages;
         for lost in &mut self.lost[self.open..] {
-            lost.before.get_or_insert(start);
+            // Chunks overlap a little, times of a range never do.
+            lost.before.get_or_insert(start.max(lost.after.unwrap_or(0)));
         }
         self.open = self.lost.len();
         self.latest = Some(self.latest.map_or(end, |latest| latest.max(end)));

@@ -1,6 +1,7 @@
 //! Every bit of the state packets, read back with a reader that is first checked against sample
 //! vectors of the protocol.
 
+use super::controller::Controls;
 use super::state::{self, GROUPS};
 use super::*;
 use crate::simulate::station::generator::Stage;
@@ -41,7 +42,8 @@ const VOLUME: u8 = 7;
 fn data(station: &Station, device: u8, number: u8) -> Vec<u8> {
     let packets = GROUPS.iter().flat_map(|group| group.packets);
     let packet = packets.into_iter().find(|p| (p.device, p.number) == (device, number));
-    (packet.expect("no such packet").encode)(station, VOLUME)
+    let controls = Controls { volume: VOLUME, ..Controls::default() };
+    (packet.expect("no such packet").encode)(station, controls)
 }
 
 /// A station at some moment, after `hours`.

@@ -4,6 +4,20 @@ use super::{device, frame};
 use crate::frame::CanFrame;
 use crate::simulate::station::Station;
 
+/// Registers that fit into one structure, since one byte holds its length.
+pub const MOST_REGISTERS: u16 = 123;
+/// Bytes in front of the registers.
+const HEADER: usize = 8;
+
+/// Result codes of an answer (section 9, MBERR).
+pub mod result {
+    #![allow(missing_docs, reason = "the names are the document's")]
+    pub const FUNCTION: u8 = 1;
+    pub const VALUE: u8 = 3;
+    pub const PARAMETERS: u8 = 9;
+    pub const TIMEOUT: u8 = 11;
+}
+
 /// A request or an answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Dialogue {
@@ -38,10 +52,46 @@ impl Dialogue {
         for word in [self.register, self.count].iter().chain(data) {
             bytes.extend(word.to_le_bytes());
         }
-        // One byte holds the length: 123 registers are the limit of the format.
-        bytes.truncate(254);
+        // One byte holds the length.
+        bytes.truncate(HEADER + 2 * usize::from(MOST_REGISTERS));
         bytes[0] = u8::try_from(bytes.len()).unwrap_or(u8::MAX);
         (0..).zip(bytes.chunks(8)).map(|(number, part)| frame(device, 0, number, part)).collect()
+    }
+}
+
+/// Puts a structure together from its packets.
+#[derive(Clone, Debug, Default)]
+pub struct Assembly {
+    bytes: Vec<u8>,
+    /// Number of the packet that comes next.
+    next: u8,
+}
+
+impl Assembly {
+    /// Takes packet `number`; the request and its registers when it is complete. Packet 0 begins a
+    /// new structure; one that is missing or out of order makes the structure worth nothing.
+    pub fn push(&mut self, number: u8, data: &[u8]) -> Option<(Dialogue, Vec<u16>)> {
+        if number == 0 {
+            self.bytes.clear();
+        } else if number != self.next || self.bytes.is_empty() {
+            *self = Self::default();
+            return None;
+        }
+        self.bytes.extend(data);
+        self.next = number.saturating_add(1);
+        let (head, rest) = self.bytes.split_first_chunk::<HEADER>()?;
+        let [length, _, address, function, ..] = *head;
+        if usize::from(length) > self.bytes.len() {
+            return None;
+        }
+        let whole = usize::from(length) == self.bytes.len();
+        let word =
+            |pair: &[u8]| pair.iter().rev().fold(0, |word, byte| word << 8 | u16::from(*byte));
+        let dialogue =
+            Dialogue { address, function, register: word(&head[4..6]), count: word(&head[6..8]) };
+        let registers = rest.chunks(2).map(word).collect();
+        *self = Self::default();
+        whole.then_some((dialogue, registers))
     }
 }
 

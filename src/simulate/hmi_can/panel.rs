@@ -1,18 +1,19 @@
-//! The person at the HMI: opens the settings, changes one, lets the voice speak, asks a device
-//! over MODBUS; and the controller's answers to it.
+//! The person at the HMI: opens the settings, changes one, gives a command, lets the voice speak,
+//! asks a device over MODBUS.
 
-use super::modbus::{Dialogue, inverter_registers};
+use super::modbus::{Dialogue, MOST_REGISTERS};
 use super::settings::{self, Settings};
-use super::{MILLISECOND, device, frame, state};
+use super::{Delayed, MILLISECOND, PACKET_GAP, device, frame, state};
 use crate::frame::CanFrame;
 use crate::simulate::random::Random;
 use crate::simulate::station::Station;
 
 /// Mean pause between two actions, s.
 const PAUSE: f64 = 2.2;
-
-/// A frame and how long after the beginning of the action it is sent, ns.
-type Delayed = (u64, CanFrame);
+/// So many kinds of commands there are beside settings and MODBUS.
+const COMMANDS: u32 = 10;
+/// Every so many MODBUS dialogues move as many registers as fit.
+const LONG: u32 = 10;
 
 /// The HMI and who stands in front of it.
 #[derive(Clone, Debug)]
@@ -20,12 +21,25 @@ pub struct Panel {
     random: Random,
     due: u64,
     actions: u32,
+    /// What comes next of each kind: all of them have their turn.
+    setting: u8,
+    command: u32,
+    dialogues: u32,
+    settings: Settings,
 }
 
 impl Panel {
     /// A panel that was just switched on.
     pub fn new(seed: u64) -> Self {
-        Self { random: Random::new(seed, 0x4A41), due: 700 * MILLISECOND, actions: 0 }
+        Self {
+            random: Random::new(seed, 0x4A41),
+            due: 700 * MILLISECOND,
+            actions: 0,
+            setting: 0,
+            command: 0,
+            dialogues: 0,
+            settings: Settings::default(),
+        }
     }
 
     /// When the next action begins, ns.
@@ -33,63 +47,61 @@ impl Panel {
         self.due
     }
 
-    /// The frames of the next action and of the controller's answer.
-    pub fn act(
-        &mut self,
-        station: &Station,
-        settings: &mut Settings,
-        volume: &mut u8,
-    ) -> Vec<Delayed> {
+    /// The frames of the next action.
+    pub fn act(&mut self, station: &Station) -> Vec<Delayed> {
         self.actions += 1;
         self.due += ((0.4 + self.random.wait(PAUSE)) * 1e9) as u64;
         match (self.actions, self.random.index(16)) {
             // After power-up the HMI reads all settings, then the clock is set.
-            (1, _) => self.read_settings(settings),
+            (1, _) | (_, 0) => vec![(0, settings::request())],
             (2, _) => vec![(0, frame(device::RTC, 0, 0, &state::clock(station)))],
-            (_, 0..=1) => self.read_settings(settings),
-            (_, 2) => self.change_delay(settings),
-            (_, 3) => self.change_file(settings),
-            (_, 4..=5) => self.speak(volume),
-            (_, 6) => self.move_tracker(station),
-            (_, 7) => vec![(0, frame(device::CHARGER, 0, 0, &[2]))],
-            (_, 8..=9) => self.write_registers(),
-            _ => self.read_registers(station),
+            (_, 1..=4) => self.change_setting(station),
+            (_, 5..=8) => self.give_command(station),
+            (_, 9..=10) => self.write_registers(),
+            _ => self.read_registers(),
         }
     }
 
-    fn read_settings(&mut self, settings: &Settings) -> Vec<Delayed> {
-        let first = self.milliseconds(3.0, 9.0);
-        let answer = settings.read_out().into_iter();
-        let spaced =
-            answer.enumerate().map(|(i, frame)| (first + i as u64 * 2 * MILLISECOND, frame));
-        std::iter::once((0, settings::request())).chain(spaced).collect()
-    }
-
-    /// Another delay for switching the inverters on, kept in the EEPROM a second later.
-    fn change_delay(&mut self, settings: &mut Settings) -> Vec<Delayed> {
-        settings.delay_start_ts = [20, 30, 45, 60][self.random.index(4)];
-        let value = settings.delay_start_ts.to_le_bytes();
-        vec![(0, settings::set(0x27, &value)), (self.milliseconds(600.0, 900.0), settings::save())]
-    }
-
-    fn change_file(&mut self, settings: &mut Settings) -> Vec<Delayed> {
-        let parameter = self.random.index(3) as u8;
-        let name = ["spring_job.txt", "summer_job.txt", "station.scr"][self.random.index(3)];
-        let files = [&mut settings.scr_file, &mut settings.job_file, &mut settings.job_test];
-        for (index, file) in files.into_iter().enumerate() {
-            if index == usize::from(parameter) {
-                *file = name.to_string();
-            }
+    /// The next setting, and now and then the order to keep it in the EEPROM a second later.
+    fn change_setting(&mut self, station: &Station) -> Vec<Delayed> {
+        let parameter = self.setting;
+        self.setting = (self.setting + 1) % settings::COUNT;
+        let today = state::date(station);
+        let mut sent = spaced(self.settings.change(parameter, today, &mut self.random));
+        if self.random.chance(0.4) {
+            sent.push(((self.random.between(600.0, 900.0) * 1e6) as u64, settings::save()));
         }
-        let [first, second] = settings::set_text(parameter, name);
-        vec![(0, first), (2 * MILLISECOND, second)]
+        sent
+    }
+
+    /// Orders what is so already, since the station decides by itself.
+    fn give_command(&mut self, station: &Station) -> Vec<Delayed> {
+        self.command = (self.command + 1) % COMMANDS;
+        let on = |index: usize| u8::from(station.inverters()[index].contactor());
+        let (device, data) = match self.command {
+            0 => return vec![(0, frame(device::RTC, 0, 0, &state::clock(station)))],
+            1 => (device::CHARGER, vec![2]),
+            // Which of the two fields is meant, then connect, or parallel and in series.
+            2 => (device::PV, vec![0b10, 1, self.random.index(2) as u8]),
+            3 => (device::INV1, vec![on(0)]),
+            4 => (device::INV2, vec![on(1)]),
+            5 => (device::ALT, vec![u8::from(station.mains().present())]),
+            // A test of the generator.
+            6 => (device::GEN, vec![2]),
+            7 => (device::RESERV, vec![self.random.index(4) as u8, self.random.index(2) as u8]),
+            8 => (device::EXTOUT, vec![self.random.index(4) as u8, self.random.index(2) as u8]),
+            _ if self.random.chance(0.5) => return self.move_tracker(station),
+            _ => return self.speak(),
+        };
+        vec![(0, frame(device, 0, 0, &data))]
     }
 
     /// Bits of the first byte: 0 speak, 1 volume, 2 sound.
-    fn speak(&mut self, volume: &mut u8) -> Vec<Delayed> {
-        *volume = 4 + self.random.index(5) as u8;
-        let message = 1 + self.random.index(26) as u8;
-        vec![(0, frame(device::VOICE, 0, 0, &[0b011, message, *volume, 0]))]
+    fn speak(&mut self) -> Vec<Delayed> {
+        let volume = 4 + self.random.index(5) as u8;
+        let (message, sound) = (1 + self.random.index(26), 1 + self.random.index(14));
+        let data = [0b011, message as u8, volume, sound as u8];
+        vec![(0, frame(device::VOICE, 0, 0, &data))]
     }
 
     /// A position in millimetres for one actuator: close to where it is.
@@ -99,44 +111,35 @@ impl Panel {
         let position = if vertical { tracker.vertical } else { tracker.horizontal };
         let value = (position.round() as f32).to_le_bytes();
         let head = [1, 1, u8::from(!vertical), 0];
-        let command = frame(device::TRACKER, 0, 0, &[&head[..], &value].concat());
-        // The controller reports the command as carried out with message 0.
-        let done = frame(device::LOG, device::TRACKER, 0, &[0]);
-        vec![(0, command), (self.milliseconds(8.0, 15.0), done)]
+        vec![(0, frame(device::TRACKER, 0, 0, &[&head[..], &value].concat()))]
     }
 
-    fn read_registers(&mut self, station: &Station) -> Vec<Delayed> {
-        let address = 1 + self.random.index(2) as u8;
-        let count = 3 + self.random.index(10) as u16;
-        let dialogue = Dialogue { address, function: 3, register: 0, count };
-        // Now and then a device does not answer in time.
-        if self.random.chance(0.06) {
-            let answer = dialogue.answer(11, &[]);
-            return self.exchange(dialogue.request(&[]), answer, 600.0);
-        }
-        let answer = dialogue.answer(0, &inverter_registers(station, address, count));
-        self.exchange(dialogue.request(&[]), answer, 45.0)
+    fn read_registers(&mut self) -> Vec<Delayed> {
+        // Now and then a device that does not answer in time.
+        let address = if self.random.chance(0.06) { 9 } else { 1 + self.random.index(3) as u8 };
+        let few = 3 + self.random.index(10) as u16;
+        let count = self.registers(few);
+        let function = if self.random.chance(0.7) { 3 } else { 4 };
+        let dialogue = Dialogue { address, function, register: 0, count };
+        spaced(dialogue.request(&[]))
     }
 
     fn write_registers(&mut self) -> Vec<Delayed> {
-        let count = 2 + self.random.index(6) as u16;
+        let few = 2 + self.random.index(6) as u16;
+        let count = self.registers(few);
         let dialogue = Dialogue { address: 3, function: 16, register: 0x20, count };
         let data: Vec<u16> = (0..count).map(|i| 300 + 10 * i).collect();
-        let answer = dialogue.answer(0, &dialogue.confirmation());
-        self.exchange(dialogue.request(&data), answer, 60.0)
+        spaced(dialogue.request(&data))
     }
 
-    /// A request, and its answer after about `wait` ms.
-    fn exchange(&mut self, ask: Vec<CanFrame>, answer: Vec<CanFrame>, wait: f64) -> Vec<Delayed> {
-        let spaced = |from: u64, frames: Vec<CanFrame>| {
-            (0..).zip(frames).map(move |(i, frame)| (from + i * 2 * MILLISECOND, frame))
-        };
-        let pause = self.milliseconds(0.8 * wait, 1.3 * wait);
-        let answered = ask.len() as u64 * 2 * MILLISECOND + pause;
-        spaced(0, ask).chain(spaced(answered, answer)).collect()
+    /// `few` registers, and now and then as many as there can be.
+    fn registers(&mut self, few: u16) -> u16 {
+        self.dialogues += 1;
+        if self.dialogues.is_multiple_of(LONG) { MOST_REGISTERS } else { few }
     }
+}
 
-    fn milliseconds(&mut self, from: f64, to: f64) -> u64 {
-        (self.random.between(from, to) * 1e6) as u64
-    }
+/// Frames one behind the other.
+pub(super) fn spaced(frames: Vec<CanFrame>) -> Vec<Delayed> {
+    (0..).zip(frames).map(|(i, frame)| (i * PACKET_GAP, frame)).collect()
 }

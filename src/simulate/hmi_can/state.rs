@@ -2,6 +2,7 @@
 //!
 //! Structures are packed, bit fields from the least significant bit, numbers little-endian.
 
+use super::controller::Controls;
 use super::device;
 use crate::simulate::station::generator::Stage;
 use crate::simulate::station::inverter::Inverter;
@@ -18,18 +19,18 @@ pub struct Group {
     pub packets: &'static [Packet],
 }
 
-/// One packet: its identifier and how its data are made, given the station and the volume of
-/// its voice.
+/// One packet: its identifier and how its data are made, given the station and what a person has
+/// commanded.
 pub struct Packet {
     /// ID_DEV.
     pub device: u8,
     /// SUB_PACK_ID.
     pub number: u8,
     /// The data, 1 to 8 bytes.
-    pub encode: fn(&Station, u8) -> Vec<u8>,
+    pub encode: fn(&Station, Controls) -> Vec<u8>,
 }
 
-const fn packet(device: u8, number: u8, encode: fn(&Station, u8) -> Vec<u8>) -> Packet {
+const fn packet(device: u8, number: u8, encode: fn(&Station, Controls) -> Vec<u8>) -> Packet {
     Packet { device, number, encode }
 }
 
@@ -49,7 +50,7 @@ pub const GROUPS: [Group; 11] = [
         packet(device::BATMON, 7, |s, _| battery_days(s)),
     ] },
     Group { period_ms: 500, packets: &[
-        packet(device::MPPT, 1, |s, _| charge_controller(s)),
+        packet(device::MPPT, 1, charge_controller),
         packet(device::MPPT, 2, |s, _| pair(s.solar().voltage(), s.solar().panel_current())),
         packet(device::MPPT, 3, |s, _| pair(s.solar().out_voltage(), s.solar().current())),
         packet(device::MPPT, 4, |s, _| float(s.battery().current()).to_vec()),
@@ -80,7 +81,7 @@ pub const GROUPS: [Group; 11] = [
         packet(device::SPA, 2, |s, _| pair(90.0 - s.sun().elevation, s.sun().azimuth)),
         packet(device::SPA, 3, |s, _| [&float(s.day().duration())[..], &[0]].concat()),
     ] },
-    Group { period_ms: 1000, packets: &[packet(device::VOICE, 1, |_, volume| vec![1, 0x12, 0, volume])] },
+    Group { period_ms: 1000, packets: &[packet(device::VOICE, 1, |_, c| vec![1, 0x12, 0, c.volume])] },
 ];
 
 /// PORTS_1: battery, supply and mode flags, then 32 discrete inputs.
@@ -122,11 +123,16 @@ pub fn ports(station: &Station) -> [u8; 5] {
 /// RTC_1, and RTC_0 in the other direction.
 pub fn clock(station: &Station) -> Vec<u8> {
     let now = station.date_time();
-    let [year_low, year_high] = now.year().to_le_bytes();
     let weekday = now.weekday().to_sunday_zero_offset();
-    let date = [now.day(), now.month()].map(i8::unsigned_abs);
     let time = [weekday, now.hour(), now.minute(), now.second()].map(i8::unsigned_abs);
-    [&date[..], &[year_low, year_high], &time].concat()
+    [date(station), time].concat()
+}
+
+/// Day, month, year low byte first (section 2).
+pub fn date(station: &Station) -> [u8; 4] {
+    let now = station.date_time();
+    let [year_low, year_high] = now.year().to_le_bytes();
+    [now.day().unsigned_abs(), now.month().unsigned_abs(), year_low, year_high]
 }
 
 fn battery_flags(station: &Station) -> Vec<u8> {
@@ -152,10 +158,11 @@ fn battery_days(station: &Station) -> Vec<u8> {
         .concat()
 }
 
-fn charge_controller(station: &Station) -> Vec<u8> {
+fn charge_controller(station: &Station, controls: Controls) -> Vec<u8> {
     let solar = station.solar();
     let on = solar.connected();
-    let flags = bit(0, true) | bit(1, true) | bit(2, true) | bit(3, on) | bit(4, true);
+    let flags =
+        bit(0, true) | bit(1, true) | bit(2, true) | bit(3, on) | bit(4, controls.pv_mode != 0);
     let (charging, floating) = solar.seconds();
     let soc = byte(station.battery().soc() * 100.0);
     let minutes = [floating, charging].map(|s| whole((s / 60.0).floor()).to_le_bytes()).concat();

@@ -89,23 +89,38 @@ pub enum Escaping {
 impl Frame {
     /// The bytes on the line. Data beyond 255 bytes are cut off, since no frame can carry them.
     pub fn encode(&self, escaping: Escaping) -> Vec<u8> {
+        escape(&self.plain(self.count()), escaping)
+    }
+
+    /// The count of data bytes.
+    pub fn count(&self) -> u8 {
+        u8::try_from(self.data.len()).unwrap_or(u8::MAX)
+    }
+
+    /// The whole frame before it is escaped, with this count of data bytes, right or wrong.
+    pub(super) fn plain(&self, count: u8) -> Vec<u8> {
         let data = &self.data[..self.data.len().min(MAX_DATA)];
         let mut plain = vec![START];
         plain.extend(self.address.to_be_bytes());
-        plain.extend([self.control.0, data.len() as u8]);
+        plain.extend([self.control.0, count]);
         plain.extend(data);
         plain.extend(CRC.checksum(&plain).to_be_bytes());
-        let mut line = vec![START];
-        for byte in &plain[1..] {
-            let control = escaping == Escaping::Full && *byte < 0x20;
-            if control || *byte == START || *byte == ESCAPE {
-                line.extend([ESCAPE, byte ^ FLIP]);
-            } else {
-                line.push(*byte);
-            }
-        }
-        line
+        plain
     }
+}
+
+/// A whole frame as it goes onto the line.
+pub(super) fn escape(plain: &[u8], escaping: Escaping) -> Vec<u8> {
+    let mut line = vec![START];
+    for byte in plain.iter().skip(1) {
+        let control = escaping == Escaping::Full && *byte < 0x20;
+        if control || *byte == START || *byte == ESCAPE {
+            line.extend([ESCAPE, byte ^ FLIP]);
+        } else {
+            line.push(*byte);
+        }
+    }
+    line
 }
 
 /// Finds frames in a stream of bytes, by the rules of section 10.1. Frames that are damaged are

@@ -2,8 +2,8 @@
 
 use std::collections::VecDeque;
 
-use super::frame::{Control, Deframer, Escaping, Frame, link};
-use super::layout::commands;
+use super::frame::{Control, Deframer, Escaping, Frame, MAX_DATA, link};
+use super::layout::{command, commands};
 use super::plant::RECTIFIERS;
 use super::slave::{SET, status};
 use crate::simulate::random::Random;
@@ -39,13 +39,14 @@ pub struct Master {
     sequence: u8,
     outstanding: Option<Outstanding>,
     due: u64,
-    /// Requests that go before the usual round, because a status bit asked for it.
+    /// Requests that go before the usual round.
     urgent: VecDeque<Vec<u8>>,
     round: Vec<Vec<u8>>,
     next: usize,
     rectifier: usize,
     turn: usize,
     answers: u64,
+    settings_read: u64,
 }
 
 impl Master {
@@ -66,6 +67,7 @@ impl Master {
             rectifier: 0,
             turn: 0,
             answers: 0,
+            settings_read: 0,
         }
     }
 
@@ -148,8 +150,24 @@ impl Master {
         }
     }
 
+    /// Takes note of the setting that `answer` tells, to be written when its turn comes.
+    fn write_back(&mut self, mut request: Vec<u8>, answer: &[u8]) {
+        let ([high, low], [status, values @ ..]) = (&request[..], answer) else { return };
+        let settable = command(u16::from_be_bytes([*high, *low])).is_some_and(|c| c.settable);
+        if !settable || status & !status::ALARM_BIT != status::OK {
+            return;
+        }
+        self.settings_read += 1;
+        // The number of settings is no multiple of this, so all of them have their turn.
+        if self.settings_read.is_multiple_of(WRITE_BACK) && values.len() + 2 <= MAX_DATA {
+            request[0] |= SET.to_be_bytes()[0];
+            request.extend(values);
+            self.urgent.push_back(request);
+        }
+    }
+
     fn receive(&mut self, answer: &Frame, now: u64) {
-        let Some(asked) = &self.outstanding else { return };
+        let Some(asked) = self.outstanding.clone() else { return };
         let expected = self.address == 0 || answer.address == self.address;
         let control = answer.control;
         let ours = control.from_slave() && !control.wants_answer() && expected;
@@ -163,6 +181,7 @@ impl Master {
                 if alarm && self.urgent.is_empty() {
                     self.urgent.push_back(ALARMS.to_be_bytes().to_vec());
                 }
+                self.write_back(asked.frame.data.clone(), &answer.data);
                 self.sequence ^= Control::SEQUENCE;
             }
             // An error answer: the timeout sends the request again.
@@ -175,6 +194,10 @@ impl Master {
         self.due = (sent + pace).max(now + 10 * MILLISECOND);
     }
 }
+
+/// Every so many settings that were read, one is written back as it is: that the slave keeps them
+/// is nothing a supervision relies on.
+const WRITE_BACK: u64 = 4;
 
 /// All commands but those that are asked for all the time, in the order of their numbers; the
 /// alarm sound is switched on or off and read back in between.

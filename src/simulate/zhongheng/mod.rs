@@ -9,10 +9,11 @@
 //! | [`frame`] | framing, escaping, CRC (section 3) |
 //! | [`layout`], [`settings_table`], [`readings_table`] | the 32 commands, field by field (section 8) |
 //! | [`plant`], [`rectifier`], [`alarm`] | the simulated 48 V plant and its alarms |
-//! | [`slave`] | answers |
+//! | [`slave`], [`fault`] | answers, and what can go wrong with them |
 //! | [`master`] | asks |
 
 pub mod alarm;
+pub mod fault;
 pub mod frame;
 pub mod layout;
 pub mod master;

@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use super::frame::{Control, Deframer, Escaping, Frame, link};
+use super::fault::{FAULTS, Fault, LineFaults, damage};
+use super::frame::{Deframer, Escaping, Frame, link};
 use super::layout::{Command, command};
 use super::plant::{POSITIONS, Plant};
 use crate::simulate::random::Random;
@@ -17,12 +18,28 @@ pub mod status {
     pub const TOO_HIGH: u8 = 3;
     pub const INVALID_DATA: u8 = 4;
     pub const INVALID_DATA_ID: u8 = 5;
+    pub const BUSY: u8 = 6;
     /// Set while an alarm has come up that the master has not read yet.
     pub const ALARM_BIT: u8 = 0x80;
 }
 
 /// Bit 15 of the CmdID: the request sets instead of reading.
 pub const SET: u16 = 0x8000;
+
+/// Every slave on the line is meant (section 3.3).
+const EVERYBODY: u16 = 0xFFFF;
+/// The last request again, with the same sequence bit and not later than this (ns), is taken for
+/// a repetition after a lost answer, and gets the same answer. Masters that never toggle the bit
+/// exist (section 6.3); those that ask less often than this get new values.
+const REPEATED: u64 = 1_000_000_000;
+
+/// A request that was carried out, and its answer.
+#[derive(Clone, Debug)]
+struct Done {
+    at: u64,
+    request: Frame,
+    answer: Frame,
+}
 
 /// A slave on the line.
 #[derive(Clone, Debug)]
@@ -34,7 +51,12 @@ pub struct Slave {
     time_scale: f64,
     lived: u64,
     /// What was set, by CmdID.
-    settings: BTreeMap<u16, Vec<u8>>,
+    pub(super) settings: BTreeMap<u16, Vec<u8>>,
+    last: Option<Done>,
+    faults: LineFaults,
+    /// Of the faults; a stream of its own, so that they do not change anything else.
+    chance: Random,
+    late: bool,
     random: Random,
 }
 
@@ -50,8 +72,19 @@ impl Slave {
             time_scale,
             lived: 0,
             settings: BTreeMap::new(),
+            last: None,
+            faults: LineFaults::none(FAULTS),
+            chance: Random::new(seed, 0xFA17),
+            late: false,
             random: Random::new(seed, 0x51A),
         }
+    }
+
+    /// The same slave, misbehaving.
+    #[must_use]
+    pub fn with_faults(mut self, faults: LineFaults) -> Self {
+        self.faults = faults;
+        self
     }
 
     /// The plant behind it.
@@ -68,31 +101,63 @@ impl Slave {
         let mut answers = Vec::new();
         for byte in bytes {
             if let Some(request) = self.deframer.push(*byte) {
-                answers.extend(self.answer(&request).unwrap_or_default());
+                answers.extend(self.answer(&request, now).unwrap_or_default());
             }
         }
         answers
     }
 
-    /// How long it takes to answer: 5 to 30 ms.
+    /// How long it takes to answer: 5 to 30 ms, or longer than any master waits.
     pub fn think_time(&mut self) -> Duration {
-        Duration::from_secs_f64(self.random.between(0.005, 0.030))
+        let (from, to) = if std::mem::take(&mut self.late) { (1.0, 2.0) } else { (0.005, 0.030) };
+        Duration::from_secs_f64(self.random.between(from, to))
     }
 
-    fn answer(&mut self, request: &Frame) -> Option<Vec<u8>> {
-        // Several slaves may hear a broadcast, so none of them answers it; and what another slave
-        // says is none of our business.
-        let to_us = request.address == 0 || request.address == self.address;
+    fn answer(&mut self, request: &Frame, now: u64) -> Option<Vec<u8>> {
+        // What another slave says is none of our business; the classes of devices that some
+        // broadcasts go to are not documented.
+        let to_us = matches!(request.address, 0 | EVERYBODY) || request.address == self.address;
         if !to_us || request.control.from_slave() {
             return None;
         }
+        let fault = self.faults.pick(&mut self.chance);
+        let data_frame = request.control.link() == link::SINGLE;
+        let answer = match fault {
+            Some(Fault::LinkError) => self.frame(request, link::ERROR, Vec::new()),
+            Some(Fault::Busy) if data_frame => {
+                let status = self.status(status::BUSY);
+                self.frame(request, link::SINGLE, vec![status])
+            }
+            _ => self.carry_out(request, now)?,
+        };
+        // Several slaves may hear a broadcast, so none of them answers it.
+        if request.address == EVERYBODY || !request.control.wants_answer() {
+            return None;
+        }
+        self.late |= fault == Some(Fault::Late);
+        Some(damage(answer, fault, self.escaping, &mut self.chance))
+    }
+
+    /// An answer carries the sequence bit of its request.
+    fn frame(&self, request: &Frame, link: u8, data: Vec<u8>) -> Frame {
+        Frame { address: self.address, control: request.control.answer(link), data }
+    }
+
+    fn carry_out(&mut self, request: &Frame, now: u64) -> Option<Frame> {
+        if let Some(done) = &self.last
+            && done.request == *request
+            && now.saturating_sub(done.at) < REPEATED
+        {
+            return Some(done.answer.clone());
+        }
         let (link, data) = self.respond(request)?;
-        // The answer carries the sequence bit of its request. A bit that is not the expected one
-        // is no reason to stay silent: reading and setting twice does no harm, and masters exist
-        // that never toggle it.
-        let control: Control = request.control.answer(link);
-        let answer = Frame { address: self.address, control, data };
-        request.control.wants_answer().then(|| answer.encode(self.escaping))
+        let answer = self.frame(request, link, data);
+        self.last = (link == link::SINGLE).then(|| Done {
+            at: now,
+            request: request.clone(),
+            answer: answer.clone(),
+        });
+        Some(answer)
     }
 
     /// Data link command and data of the answer; `None` where no answer is due.

@@ -1,12 +1,17 @@
 //! Master and slave, each alone and with each other.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
 
+use super::fault::FAULTS;
 use super::frame::{Control, Deframer, Escaping, Frame, link};
 use super::layout::{Kind, command, commands};
 use super::plant::{Plant, RECTIFIERS};
 use super::slave::{SET, status};
 use super::{Master, Slave};
+use crate::frame::{Direction, Timestamp};
+use crate::protocol::{Decoder, Item, Protocol, Settings, json};
+use crate::simulate::faults::Rates;
 
 const SECOND: u64 = 1_000_000_000;
 const DAY_A_MINUTE: f64 = 1440.0;
@@ -404,4 +409,124 @@ fn ten_days_of_twenty_seeds_stay_within_what_a_plant_can_show() {
         }
     }
     assert!(outages > 1000, "the mains failed for {outages} minutes only");
+}
+
+/// Everything said in ten minutes, as one stream of bytes of both directions, through the
+/// decoder that users have.
+#[test]
+fn ten_minutes_bring_every_command_read_and_set_and_all_of_it_decodes() {
+    let protocol = Protocol::built_in("zhongheng-09", Settings::default()).unwrap().unwrap();
+    let names: BTreeMap<String, bool> = protocol
+        .commands
+        .iter()
+        .map(|c| (c.name.to_string(), c.operations.iter().any(|o| o == "set")))
+        .collect();
+    let mut decoder = Decoder::new(Arc::new(protocol));
+    let mut items: Vec<Item> = Vec::new();
+    for (time, request, answer) in dialogue(13, DAY_A_MINUTE, 600) {
+        for (way, frame) in [(Direction::Tx, request), (Direction::Rx, answer)] {
+            let bytes = frame.encode(Escaping::Minimal);
+            decoder.feed(way, Timestamp(time), &bytes, &mut |item| items.push(item));
+        }
+    }
+    let (mut read, mut set) = (BTreeSet::new(), BTreeSet::new());
+    let mut values: BTreeMap<String, BTreeSet<u64>> = BTreeMap::new();
+    for item in &items {
+        let item = json::item(item);
+        let (message, what) = (&item["message"], item.to_string());
+        assert!(item["item"] == "frame" && item["link_error"].is_null(), "{what}");
+        assert!(message["kind"] != "malformed" && message["paired"] != false, "{what}");
+        if message["kind"] != "request" && message["kind"] != "response" {
+            continue;
+        }
+        assert_eq!(message["check"], "exact", "{what}");
+        let name = message["cmd"].as_str().expect("a known command").to_string();
+        if message["kind"] == "response" {
+            assert_eq!(message["status"]["code"], 0, "{what}");
+            let seen = if message["op"] == "set" { &mut set } else { &mut read };
+            seen.insert(name.clone());
+        }
+        for field in message["fields"].as_array().into_iter().flatten() {
+            // A field with a table of values has one of them, and of flags only known ones.
+            assert!(field.get("label").is_none_or(|label| !label.is_null()), "{field} in {name}");
+            assert!(field.get("unknown_flags").is_none_or(|f| f == 0), "{field} in {name}");
+            let number = field["value"].as_f64().map_or(0, f64::to_bits);
+            let key = format!("{name}.{}", field["name"].as_str().unwrap_or_default());
+            values.entry(key).or_default().insert(number);
+        }
+    }
+    assert_eq!(read, names.keys().cloned().collect());
+    let settable = names.iter().filter(|(_, settable)| **settable).map(|(name, _)| name.clone());
+    assert_eq!(set, settable.collect());
+    for field in ["system_analogs.bus_voltage", "rectifier_data.output_current"] {
+        assert!(values[field].len() > 100, "{field} does not move");
+    }
+    assert!(values["real_time.real_time"].len() > 5);
+}
+
+#[test]
+fn a_repeated_request_is_answered_alike_and_not_carried_out_again() {
+    let mut slave = Slave::new(1, 4, DAY_A_MINUTE);
+    let mut send = |control: u8, now: u64| {
+        let frame = Frame { address: 1, control: Control(control), data: vec![0x40, 0x7E] };
+        slave.feed(&frame.encode(Escaping::Minimal), now)
+    };
+    let first = send(0x45, SECOND);
+    assert_eq!(send(0x45, 3 * SECOND / 2), first, "the same sequence bit, soon after");
+    let toggled = send(0x65, 3 * SECOND / 2 + 1);
+    assert_ne!(toggled[3..], first[3..], "the other sequence bit asks for new values");
+    let later = send(0x65, 4 * SECOND);
+    assert_ne!(later, toggled, "a master that never toggles gets new values too");
+}
+
+#[test]
+fn a_broadcast_is_obeyed_without_an_answer() {
+    let mut slave = Slave::new(7, 1, 1.0);
+    let frame = Frame { address: 0xFFFF, control: Control(0x45), data: vec![0x82, 0x8C, 0x15] };
+    assert!(slave.feed(&frame.encode(Escaping::Minimal), 0).is_empty());
+    let ask = Frame { address: 7, control: Control(0x65), data: vec![0x02, 0x8C] };
+    let answer = deframe(&slave.feed(&ask.encode(Escaping::Minimal), 0));
+    assert_eq!(answer[0].data, [0, 0x15]);
+}
+
+/// The items that a decoder finds in an answer with a fault.
+fn faulty(fault: &str) -> (Vec<serde_json::Value>, Vec<u8>) {
+    let faults = Rates::parse(FAULTS, &format!("{fault}=1")).unwrap();
+    let mut slave = Slave::new(1, 1, 1.0).with_faults(faults);
+    let request = Frame { address: 1, control: Control(0x45), data: vec![0x82, 0x8C, 0x15] };
+    let request = request.encode(Escaping::Minimal);
+    let answer = slave.feed(&request, 0);
+    let protocol = Protocol::built_in("zhongheng-09", Settings::default()).unwrap().unwrap();
+    let mut decoder = Decoder::new(Arc::new(protocol));
+    let mut items = Vec::new();
+    let mut take = |item: Item| items.push(json::item(&item));
+    decoder.feed(Direction::Tx, Timestamp(0), &request, &mut take);
+    decoder.feed(Direction::Rx, Timestamp(1), &answer, &mut take);
+    decoder.finish(&mut take);
+    items.remove(0);
+    (items, slave.settings.get(&0x028C).cloned().unwrap_or_default())
+}
+
+#[test]
+fn each_fault_of_an_answer_does_what_it_is_called() {
+    let kinds = |fault| -> Vec<String> {
+        let (items, _) = faulty(fault);
+        items.iter().map(|item| item["item"].as_str().unwrap_or("").to_string()).collect()
+    };
+    assert_eq!(kinds("bad-crc"), ["crc_error"]);
+    assert_eq!(kinds("no-answer"), [""; 0]);
+    assert_eq!(kinds("garbage"), ["garbage", "frame"]);
+    let wrong = kinds("wrong-length");
+    assert!(wrong == ["incomplete"] || wrong == ["crc_error", "garbage"], "{wrong:?}");
+    let message = |fault| faulty(fault).0[0]["message"].clone();
+    assert_eq!(message("link-error")["name"], "DL_ERROR");
+    assert_eq!(message("wrong-sequence")["reason"], "sequence");
+    assert_eq!(message("wrong-address")["reason"], "no_request");
+    assert_eq!(message("busy")["status"]["name"], "SLAVE_BUSY_R");
+    assert_eq!(message("late")["paired"], true);
+    for (fault, done) in
+        [("no-answer", true), ("bad-crc", true), ("busy", false), ("link-error", false)]
+    {
+        assert_eq!(faulty(fault).1 == [0x15], done, "{fault}");
+    }
 }

@@ -9,16 +9,38 @@ import math
 import sys
 
 import cantools
+from types import SimpleNamespace
+
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
+
+
+
+def frames(batch, time):
+    """The frames of a bustape.CanBatch, as docs/file-format.md tells."""
+    counts = [list(batch.kind).count(kind) for kind in range(len(batch.kinds))]
+    starts, end = [], 0
+    for kind, count in zip(batch.kinds, counts):
+        starts.append(end)
+        end += kind.length * count
+    given = [0] * len(batch.kinds)
+    for delta, index in zip(batch.delta, batch.kind):
+        time += delta * batch.tick_ns
+        kind, first = batch.kinds[index], starts[index] + given[index]
+        given[index] += 1
+        data = bytes(batch.data[first + byte * counts[index]] for byte in range(kind.length))
+        yield time, SimpleNamespace(id=kind.id, data=data)
+
 
 path, dbc, bus = sys.argv[1:]
 database = cantools.database.load_file(dbc, strict=False)
 raw, decoded, seen = {}, {}, {"messages": 0, "values": 0, "labels": 0}
 with open(path, "rb") as file:
     reader = make_reader(file, decoder_factories=[DecoderFactory()])
-    for _, channel, message, value in reader.iter_decoded_messages():
-        if channel.topic == f"/{bus}/raw":
+    for schema, channel, message, value in reader.iter_decoded_messages():
+        if schema.name == "bustape.CanBatch":
+            raw.update(frames(value, message.log_time))
+        elif channel.topic == f"/{bus}/raw":
             raw[message.log_time] = value
         elif channel.metadata.get("protocol"):
             assert message.log_time not in decoded, channel.topic

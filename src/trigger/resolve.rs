@@ -68,15 +68,21 @@ fn enter(
     let about = about(condition.bus.as_deref(), buses)?;
     let (message, signal) = match &condition.what {
         What::Gap => {
-            about.iter().for_each(|bus| watched[*bus].gaps.push(rule));
+            for bus in about {
+                watched[bus].gaps.push(rule);
+            }
             return Ok(());
         }
         What::ErrorFrame => {
-            about.iter().for_each(|bus| watched[*bus].error_frames.push(rule));
+            for bus in about {
+                watched[bus].error_frames.push(rule);
+            }
             return Ok(());
         }
         What::Silence { message: None, .. } => {
-            about.iter().for_each(|bus| watched[*bus].frames.push(rule));
+            for bus in about {
+                watched[bus].frames.push(rule);
+            }
             return Ok(());
         }
         What::Silence { message: Some(message), .. } | What::Message(message) => (message, None),

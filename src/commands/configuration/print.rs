@@ -27,7 +27,7 @@ pub fn explained(record: &Command, matches: &ArgMatches) -> String {
         comment(&help, &mut text);
         match value(arg, matches) {
             Some(value) => text.push_str(&line(key, &value)),
-            None => text.push_str(&format!("# {key} = \"{}\"\n", placeholder(arg))),
+            None => text.extend(["# ", key, " = \"", &placeholder(arg), "\"\n"]),
         }
     }
     text

@@ -43,10 +43,16 @@ impl Board {
     /// Makes the socket.
     pub fn new(plan: &Plan, started: Timestamp) -> Result<(Self, UnixListener)> {
         let (status, socket) = running::files(&running::own_folder()?, std::process::id());
-        // Of an earlier process with our number.
-        std::fs::remove_file(&socket).ok();
         let about = || format!("cannot listen at {}", socket.display());
-        let listener = UnixListener::bind(&socket).with_context(about)?;
+        let listener = match UnixListener::bind(&socket) {
+            // Of an earlier process with our number.
+            Err(error) if error.kind() == ErrorKind::AddrInUse => {
+                std::fs::remove_file(&socket).with_context(about)?;
+                UnixListener::bind(&socket)
+            }
+            bound => bound,
+        };
+        let listener = listener.with_context(about)?;
         std::fs::set_permissions(&socket, Permissions::from_mode(0o600)).with_context(about)?;
         let (name, folder) = match &plan.target {
             Target::Folder(folder, name) => (name.clone(), folder.clone()),

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use protox::prost::Message as _;
 
 /// The messages that have a channel, and the file that defines each.
-const ROOTS: [(&str, &str); 8] = [
+const ROOTS: [(&str, &str); 9] = [
     ("bustape.CanFrame", "bustape/can_frame.proto"),
     ("bustape.CanBatch", "bustape/can_batch.proto"),
     ("bustape.SerialBytes", "bustape/serial_bytes.proto"),
@@ -16,6 +16,7 @@ const ROOTS: [(&str, &str); 8] = [
     ("bustape.BusStats", "bustape/bus_stats.proto"),
     ("bustape.ClockSync", "bustape/clock_sync.proto"),
     ("foxglove.Log", "foxglove/Log.proto"),
+    ("foxglove.Event", "foxglove/Event.proto"),
 ];
 
 fn main() -> Result<(), Box<dyn Error>> {

@@ -29,3 +29,4 @@ pub mod replay;
 pub mod simulate;
 pub mod sys;
 pub mod text;
+pub mod trigger;

@@ -98,7 +98,7 @@ fn write(c: &mut Criterion<CpuTime>) {
         let name = if decoded { "raw and decoded" } else { "raw" };
         group.bench_function(name, |b| {
             b.iter(|| {
-                let meaning = Meaning::Can(Box::new(definition(&text)));
+                let meaning = Meaning::Can(definition(&text).into());
                 let (protocol, attachments) = ("bench".to_owned(), Vec::new());
                 let definition = Definition { protocol, attachments, meaning };
                 let stream = decoded.then(|| Stream::new("can0", definition));
@@ -133,7 +133,7 @@ fn load(c: &mut Criterion<CpuTime>) {
         writeln!(text, "VAL_ {id} Mode 0 \"Off\" 1 \"On\" 2 \"Fault\" ;").unwrap();
     }
     let stream = || {
-        let meaning = Meaning::Can(Box::new(definition(&text)));
+        let meaning = Meaning::Can(definition(&text).into());
         let (protocol, attachments) = ("bench".to_owned(), Vec::new());
         Stream::new("can0", Definition { protocol, attachments, meaning })
     };

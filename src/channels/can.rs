@@ -44,7 +44,7 @@ struct Messages {
 
 impl CanChannels {
     /// Compiles the encoders. Types go into `package`.
-    pub fn new(definition: CanDefinition, package: String) -> Self {
+    pub fn new(definition: Arc<CanDefinition>, package: String) -> Self {
         let grouped = definition.grouped();
         let names = definition.messages().iter().map(|message| message.name.as_str());
         let names = names.chain(definition.remotes().iter().map(|remote| remote.name.as_str()));
@@ -58,7 +58,6 @@ impl CanChannels {
         let encoders = definition.messages().iter().zip(&grouped);
         let encoders = encoders.map(|(message, grouped)| Encoder::new(message, *grouped)).collect();
         let assemblies = definition.assemblies().iter().map(AssemblyShape::new).collect();
-        let definition = Arc::new(definition);
         Self {
             bus: CanBus::new(definition.clone()),
             messages: Messages { definition, encoders, grouped, types, package, assemblies },

@@ -1,15 +1,15 @@
 //! What a bus is decoded with, and how a recording tells of it.
 
-use std::fmt::Write as _;
-
 use sha2::{Digest as _, Sha256};
+
+use std::sync::Arc;
 
 use super::can::CanChannels;
 use super::serial::SerialChannels;
 use super::stream::Decode;
 use crate::decode::definition::CanDefinition;
 use crate::protocol::Protocol;
-use crate::recording::definition::{Attachment, Facts};
+use crate::recording::definition::{Attachment, Facts, hex};
 
 /// What a bus is decoded with.
 #[derive(Debug)]
@@ -26,7 +26,7 @@ pub struct Definition {
 #[derive(Debug)]
 pub enum Meaning {
     /// The messages of a CAN bus.
-    Can(Box<CanDefinition>),
+    Can(Arc<CanDefinition>),
     /// The commands of a serial line.
     Serial(Box<Protocol>),
 }
@@ -38,7 +38,7 @@ impl Definition {
         let mut facts = Facts::from([("protocol".to_owned(), self.protocol.clone())]);
         for attachment in &self.attachments {
             let key = format!("definition.{}", attachment.name);
-            facts.insert(key, hex(&Sha256::digest(&attachment.data)));
+            facts.insert(key, attachment.sha256());
         }
         facts
     }
@@ -64,16 +64,8 @@ impl Definition {
     pub(super) fn decoder(self) -> Box<dyn Decode> {
         let package = self.package();
         match self.meaning {
-            Meaning::Can(definition) => Box::new(CanChannels::new(*definition, package)),
+            Meaning::Can(definition) => Box::new(CanChannels::new(definition, package)),
             Meaning::Serial(protocol) => Box::new(SerialChannels::new(protocol.into(), package)),
         }
     }
-}
-
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        // Writing to a String cannot fail.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
 }

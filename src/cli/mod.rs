@@ -3,7 +3,9 @@
 pub mod decode;
 pub mod export;
 pub mod import;
+pub mod install;
 pub mod keep;
+pub mod mark;
 pub mod protocols;
 pub mod recover;
 pub mod replay;
@@ -18,7 +20,9 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 pub use self::decode::DecodeArgs;
 pub use self::export::ExportArgs;
 pub use self::import::ImportArgs;
+pub use self::install::{CompletionsArgs, ManArgs};
 pub use self::keep::KeepArgs;
+pub use self::mark::{LONGEST_MARK, MarkArgs, StatusArgs};
 pub use self::recover::RecoverArgs;
 pub use self::replay::ReplayArgs;
 pub use self::retime::RetimeArgs;
@@ -67,6 +71,10 @@ pub enum Command {
     Export(Box<ExportArgs>),
     /// Make a recording of logs of other tools
     Import(Box<ImportArgs>),
+    /// Put an event into the running recording
+    Mark(MarkArgs),
+    /// Show what the recorders of this machine are doing
+    Status(StatusArgs),
     /// Add decoded channels to a recording
     Decode(DecodeArgs),
     /// List the CAN interfaces and serial ports of this machine
@@ -77,6 +85,12 @@ pub enum Command {
     Explain(ExplainArgs),
     /// Look at the files that decoding goes by
     Protocols(ProtocolsArgs),
+    /// Print a completion script for a shell
+    #[command(hide = true)]
+    Completions(CompletionsArgs),
+    /// Write the manual pages
+    #[command(hide = true)]
+    Man(ManArgs),
     /// Simulate a device for other programs to talk to
     Simulate(simulate::SimulateArgs),
 }
@@ -111,10 +125,10 @@ PROTOCOL:
 /// Options of `bustape record`.
 #[derive(Debug, Args)]
 #[command(after_help = ADDRESSES)]
-#[command(group(clap::ArgGroup::new("target").required(true).args(["output", "dir"])))]
+#[command(group(clap::ArgGroup::new("target").args(["output", "dir"])))]
 pub struct RecordArgs {
-    /// What to record, see below
-    #[arg(required = true, value_name = "BUS")]
+    /// What to record, see below [default: as configured]
+    #[arg(value_name = "BUS")]
     pub buses: Vec<String>,
 
     /// Write what the frames of this bus mean as decoded channels, too; once for each bus
@@ -211,6 +225,15 @@ pub struct RecordArgs {
     /// CAN: use the time stamps of the CAN hardware where its driver gives them
     #[arg(long)]
     pub hardware_timestamps: bool,
+
+    /// Take what is not on the command line from this file in TOML, whose keys are called as these
+    /// options [default: /etc/bustape/bustape.toml, then $XDG_CONFIG_HOME/bustape/bustape.toml]
+    #[arg(long, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+
+    /// Print what would be recorded and how, as a configuration file, and end
+    #[arg(long)]
+    pub print_config: bool,
 
     /// Print the totals as one JSON object
     #[arg(long)]

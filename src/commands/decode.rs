@@ -23,7 +23,7 @@ pub fn run(args: &DecodeArgs) -> Result<Ended> {
     let recording = Recording::open(&args.files)?;
     let mut head = rewrite::head(&recording)?;
     let kept = needed(&head, &args.decode);
-    let Definitions { streams, attachments, incomplete } =
+    let Definitions { streams, attachments, incomplete, .. } =
         definitions::load(&args.decode, &recording.buses, kept)?;
     update(&mut head, &streams, attachments);
     let mut decode = Decode::new(&recording, streams);

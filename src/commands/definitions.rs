@@ -1,19 +1,26 @@
 //! `--decode BUS=PROTOCOL`: which bus is decoded with what.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use anyhow::{Result, bail};
 use serde_json::json;
 
 use super::{UsageError, explain, protocols};
 use crate::channels::{Definition, Meaning, Stream};
+use crate::decode::definition::CanDefinition;
 use crate::recording::definition::{Attachment, Facts};
 use crate::text::grouped;
+use crate::trigger::Triggers;
 
 /// The decoded channels that were asked for.
 pub struct Definitions {
     /// For each bus, in its order.
     pub streams: Vec<Option<Stream>>,
+    /// For each bus: the messages and signals that conditions can name.
+    pub can: Vec<Option<Arc<CanDefinition>>>,
+    /// What is waited for.
+    pub triggers: Option<Triggers>,
     /// The definitions, each once.
     pub attachments: Vec<Attachment>,
     /// Parts of a definition could not be loaded.
@@ -24,7 +31,9 @@ pub struct Definitions {
 /// that other buses need.
 pub fn load(texts: &[String], buses: &[String], attached: Vec<Attachment>) -> Result<Definitions> {
     let streams = buses.iter().map(|_| None).collect();
-    let mut all = Definitions { streams, attachments: attached, incomplete: false };
+    let can = vec![None; buses.len()];
+    let mut all =
+        Definitions { streams, can, triggers: None, attachments: attached, incomplete: false };
     for text in texts {
         let Some((bus, protocol)) = text.split_once('=') else {
             bail!(UsageError(format!("--decode {text}: give BUS=PROTOCOL, as in can0=car.dbc")));
@@ -42,6 +51,9 @@ pub fn load(texts: &[String], buses: &[String], attached: Vec<Attachment>) -> Re
         all.incomplete |= !complete;
         for attachment in &mut definition.attachments {
             attach(attachment, bus, &mut all.attachments);
+        }
+        if let Meaning::Can(definition) = &definition.meaning {
+            all.can[index] = Some(definition.clone());
         }
         all.streams[index] = Some(Stream::new(bus, definition));
     }
@@ -64,7 +76,7 @@ fn definition(text: &str) -> Result<(Definition, bool)> {
     let attachments = loaded.files.into_iter().map(|(name, data)| attachment(&name, data));
     let attachments = attachments.collect();
     let protocol = with_settings(&can.name(), text);
-    let meaning = Meaning::Can(Box::new(loaded.definition));
+    let meaning = Meaning::Can(loaded.definition.into());
     Ok((Definition { protocol, attachments, meaning }, complete))
 }
 

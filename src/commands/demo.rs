@@ -64,6 +64,7 @@ fn plan(args: &DemoArgs) -> Plan {
         queue: 16 << 20,
         duration: Some(args.duration),
         count: None,
+        configuration: None,
     }
 }
 

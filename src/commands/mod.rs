@@ -1,6 +1,7 @@
 //! The verbs: the only place that joins the stations together and talks to a person.
 
 mod cat;
+mod configuration;
 mod convert;
 mod decode;
 mod definitions;
@@ -9,9 +10,12 @@ mod explain;
 mod export;
 mod import;
 mod info;
+mod install;
 mod interrupt;
 mod keep;
+mod mark;
 mod output;
+mod overview;
 mod ports;
 mod protocols;
 mod record;
@@ -19,12 +23,13 @@ mod recover;
 mod replay;
 mod retime;
 mod rewrite;
+mod running;
 mod simulate;
 mod status;
 
 use std::process::ExitCode;
 
-use clap::Parser as _;
+use clap::{CommandFactory as _, FromArgMatches as _};
 
 use crate::cli::{Cli, Command};
 use crate::permit::Refused;
@@ -45,14 +50,20 @@ pub struct UsageError(pub String);
 
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
-    let result = match Cli::parse().command {
-        Command::Record(args) => record::run(&args),
+    let matches = Cli::command().get_matches();
+    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    let result = match cli.command {
+        Command::Record(args) => record::run(&args, &matches),
         Command::Info(args) => info::run(&args),
         Command::Cat(args) => cat::run(&args),
         Command::Convert(args) => convert::run(&args),
         Command::Replay(args) => replay::run(&args),
         Command::Recover(args) => recover::run(&args),
+        Command::Completions(args) => install::completions(&args),
+        Command::Man(args) => install::man(&args),
         Command::Keep(args) => keep::run(&args),
+        Command::Mark(args) => mark::run(&args),
+        Command::Status(args) => overview::run(&args),
         Command::Retime(args) => retime::run(&args),
         Command::Export(args) => export::run(&args),
         Command::Import(args) => import::run(&args),

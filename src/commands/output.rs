@@ -1,6 +1,7 @@
 //! Words to a person on stderr, results on stdout, tables that align.
 
 use std::io::{self, BufWriter, StdoutLock, Write as _};
+use std::sync::LazyLock;
 
 use anstyle::{AnsiColor, Style};
 use comfy_table::{CellAlignment, Table, presets};
@@ -18,17 +19,37 @@ pub fn stdout() -> BufWriter<StdoutLock<'static>> {
 
 /// Why a command failed.
 pub fn error(text: &str) {
+    if to_journal() {
+        return eprintln!("<3>{}", printable(text));
+    }
     anstream::eprintln!("{ERROR}error{ERROR:#}: {}", printable(text));
 }
 
 /// Something was lost or is not as asked.
 pub fn warning(text: &str) {
+    if to_journal() {
+        return eprintln!("<4>{}", printable(text));
+    }
     anstream::eprintln!("{WARNING}warning{WARNING:#}: {}", printable(text));
 }
 
 /// Good to know.
 pub fn note(text: &str) {
+    if to_journal() {
+        return eprintln!("<6>{}", printable(text));
+    }
     anstream::eprintln!("{}", printable(text));
+}
+
+/// True where stderr goes to systemd's journal, which takes the level from a number in front
+/// (sd-daemon(3)); `JOURNAL_STREAM` tells which file that is (systemd.exec(5)).
+fn to_journal() -> bool {
+    static JOURNAL: LazyLock<bool> = LazyLock::new(|| {
+        let stream = std::env::var("JOURNAL_STREAM").unwrap_or_default();
+        let about = nix::sys::stat::fstat(io::stderr());
+        about.is_ok_and(|about| stream == format!("{}:{}", about.st_dev, about.st_ino))
+    });
+    *JOURNAL
 }
 
 /// A heading on stdout, bold on a terminal.

@@ -1,17 +1,21 @@
 //! `bustape record`: sources, queue, writer, and the person who stops it.
 
 pub(super) mod about;
+mod board;
 mod leftovers;
 mod plan;
 mod report;
+mod service;
 mod watch;
 
+use std::io::Write as _;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
 use anyhow::{Context as _, Result, bail};
+use clap::ArgMatches;
 use tokio::task::{JoinSet, LocalSet};
 
 pub use plan::Plan;
@@ -19,7 +23,7 @@ pub use report::report;
 
 use super::definitions::{self, Definitions};
 use super::status::StatusLine;
-use super::{Ended, UsageError};
+use super::{Ended, UsageError, configuration, output};
 use crate::address::BusSpec;
 use crate::capture::socketcan::CanOptions;
 use crate::capture::{BusFacts, Source, Stop};
@@ -33,16 +37,33 @@ use crate::record::{
 };
 use crate::recording::disk::RealDisk;
 use crate::sys::SystemClock;
+use crate::trigger::Triggers;
+use board::Board;
 use leftovers::Leftovers;
+use service::Service;
 pub use watch::Stops;
 use watch::{Signals, Watch};
 
 /// Runs the command.
-pub fn run(args: &RecordArgs) -> Result<Ended> {
+pub fn run(typed: &RecordArgs, matches: &ArgMatches) -> Result<Ended> {
+    let configured = configuration::configured(typed, matches)?;
+    let args = &configured.args;
     let specs = parse_buses(&args.buses)?;
-    let plan = Plan::of(args)?;
+    let mut plan = Plan::of(args)?;
+    plan.configuration = Some(configured.attachment()?);
     let names: Vec<String> = specs.iter().map(|spec| spec.name.clone()).collect();
-    let definitions = definitions::load(&args.decode, &names, Vec::new())?;
+    let mut definitions = definitions::load(&args.decode, &names, Vec::new())?;
+    if !configured.triggers.is_empty() {
+        let known: Vec<_> = names.into_iter().zip(definitions.can.iter().cloned()).collect();
+        let triggers = Triggers::new(&configured.triggers, &known).map_err(UsageError)?;
+        definitions.triggers = Some(triggers);
+    }
+    if args.print_config {
+        let mut out = output::stdout();
+        out.write_all(configured.explained()?.as_bytes())?;
+        out.flush()?;
+        return Ok(Ended::Well);
+    }
     let runtime = runtime()?;
     let outcome = runtime.block_on(async {
         let can = CanOptions {
@@ -121,7 +142,22 @@ pub async fn record(buses: Vec<Bus>, definitions: Definitions, plan: &Plan) -> R
     let mut sources = desk.start_sources(buses, &allowance, &stop, &local)?;
 
     let at_work = leftovers.recover(desk.progress.clone());
+    let board = match Board::new(plan, desk.timeline.now()) {
+        Ok((board, listener)) => {
+            local.spawn_local(board::hear(listener, desk.progress.clone(), desk.timeline.clone()));
+            Some(board)
+        }
+        Err(error) => {
+            output::note(&format!("no status and no marks for this recording: {error:#}"));
+            None
+        }
+    };
+    let service = Service::find();
+    service.ready();
     let mut watch = Watch {
+        service,
+        board,
+        buses: &desk.units,
         timeline: &desk.timeline,
         progress: &desk.progress,
         tallies: &desk.tallies,
@@ -132,6 +168,7 @@ pub async fn record(buses: Vec<Bus>, definitions: Definitions, plan: &Plan) -> R
     let ended =
         local.run_until(watch.until_end(&mut sources, &mut signals, plan, &allowance)).await;
     ended.clone_into(&mut reason.lock().unwrap_or_else(PoisonError::into_inner));
+    watch.service.stopping();
     switch.send(true).ok();
     // Each takes what the kernel still holds. None of them may hold up the end for long.
     let drained = async {
@@ -199,6 +236,11 @@ impl Desk {
         let segments = Segments::new(Box::new(RealDisk), target, plan.split, plan.writer)?;
         let recorded = buses.iter().zip(&self.tallies).zip(definitions.streams);
         let recorded = recorded.map(|((bus, tally), stream)| bus.recorded(tally, stream)).collect();
+        let (mut facts, mut attachments) = (about::about(), definitions.attachments);
+        if let Some(configuration) = &plan.configuration {
+            facts.insert(format!("configuration.{}", configuration.name), configuration.sha256());
+            attachments.insert(0, configuration.clone());
+        }
         let recorder = Recorder::start(
             self.queue.clone(),
             segments,
@@ -206,10 +248,14 @@ impl Desk {
             recorded,
             self.timeline.clone(),
             plan.pace,
-            about::about(),
-            definitions.attachments,
+            facts,
+            attachments,
             self.progress.clone(),
         )?;
+        let recorder = match definitions.triggers {
+            Some(triggers) => recorder.watch(triggers).context("cannot start the triggers")?,
+            None => recorder,
+        };
         let ask = move || reason.lock().unwrap_or_else(PoisonError::into_inner).clone();
         std::thread::Builder::new()
             .name("writer".to_owned())

@@ -4,6 +4,7 @@
 //! a plain thread, takes from it and writes. Each bus has its [`Tally`], and at the end of every
 //! recording received = written + dropped.
 
+mod alarm;
 mod bus;
 mod inlet;
 pub mod leftovers;

@@ -4,9 +4,12 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, PoisonError};
 
 use crate::frame::{Level, Notice, Timestamp};
+use crate::recording::event::Event;
 
 /// Most sentences kept until somebody shows them.
 const NOTICES_KEPT: usize = 100;
+/// Most events that wait for the writer.
+const EVENTS_KEPT: usize = 1000;
 
 /// Shared between the writer, which changes it, and whoever shows it.
 #[derive(Default)]
@@ -33,6 +36,10 @@ pub struct State {
     split: bool,
     /// Sentences from outside that are not in the file yet.
     remarks: Vec<Notice>,
+    /// Events that are not in the file yet.
+    events: Vec<Event>,
+    /// Grows whenever the writer has gone round once.
+    pub rounds: u64,
     /// Sentences not shown yet.
     pub notices: Vec<Notice>,
 }
@@ -43,6 +50,33 @@ impl Progress {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let notices = std::mem::take(&mut state.notices);
         State { notices, ..state.clone() }
+    }
+
+    /// The state now; takes nothing.
+    pub fn look(&self) -> State {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// An event for the file. False when too many wait already.
+    pub fn event(&self, event: Event) -> bool {
+        let mut taken = false;
+        self.change(|state| {
+            taken = state.events.len() < EVENTS_KEPT;
+            if taken {
+                state.events.push(event);
+            }
+        });
+        taken
+    }
+
+    pub(super) fn take_events(&self) -> Vec<Event> {
+        let mut events = Vec::new();
+        self.change(|state| events = std::mem::take(&mut state.events));
+        events
+    }
+
+    pub(super) fn gone_round(&self) {
+        self.change(|state| state.rounds += 1);
     }
 
     fn change(&self, change: impl FnOnce(&mut State)) {

@@ -6,6 +6,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::alarm::Alarm;
 use super::bus::{RecordedBus, summary};
 use super::progress::Progress;
 use super::queue::{Item, Queue};
@@ -16,8 +17,10 @@ use crate::channels::Stream;
 use crate::clock::{Step, Timeline};
 use crate::frame::{Frame, Gap, GapReason, Level, Notice, Stamped, Timestamp, Unit};
 use crate::recording::definition::{Attachment, Facts};
+use crate::recording::event::Event;
 use crate::recording::schema::bustape::ClockSync;
 use crate::recording::writer::{Head, SegmentWriter};
+use crate::trigger::{Fired, Triggers};
 
 /// Most items taken from the queue at once: bounds the memory beside the queue to some 400 KiB.
 const TAKE: usize = 4096;
@@ -62,6 +65,7 @@ pub struct Recorder {
     queue: Arc<Queue>,
     segments: Segments,
     retention: Option<Retention>,
+    alarm: Option<Alarm>,
     buses: Vec<RecordedBus>,
     timeline: Timeline,
     pace: Pace,
@@ -70,6 +74,10 @@ pub struct Recorder {
     progress: Arc<Progress>,
     /// Sentences that wait for the first frame.
     remarks: Vec<Notice>,
+    /// Events that wait for the first frame.
+    events: Vec<Event>,
+    /// Events in the recording so far, for their names.
+    event_count: u64,
     /// There is no more room: the last file is finished.
     full: bool,
     /// `None` once writing has failed for good.
@@ -102,7 +110,10 @@ impl Recorder {
             queue,
             segments,
             retention,
+            alarm: None,
             remarks: Vec::new(),
+            events: Vec::new(),
+            event_count: 0,
             full: false,
             before: vec![Totals::default(); buses.len()],
             segment_counts: vec![0; buses.len()],
@@ -123,6 +134,25 @@ impl Recorder {
             retention.refresh();
         }
         Ok(recorder)
+    }
+
+    /// Watches for `triggers`, too.
+    pub fn watch(mut self, mut triggers: Triggers) -> std::io::Result<Self> {
+        triggers.begin(self.timeline.now());
+        self.alarm = Some(Alarm::new(triggers, self.progress.clone())?);
+        Ok(self)
+    }
+
+    /// Lets the triggers look at something. Whatever happens there, the recording goes on.
+    #[inline]
+    fn alarm(&mut self, show: impl FnOnce(&mut Triggers, &mut Vec<Fired>)) {
+        if let Some(alarm) = &mut self.alarm
+            && !alarm.watch(show)
+        {
+            self.alarm = None;
+            let text = "the triggers have failed and are off; the recording goes on".to_owned();
+            self.progress.remark(Level::Error, text);
+        }
     }
 
     /// Writes until the queue is closed and empty, then finishes the file. `reason` says why the
@@ -153,10 +183,11 @@ impl Recorder {
 
     /// Everything that was read before `time` has been taken.
     fn pass(&mut self, time: Timestamp) {
+        let time = Timestamp(time.nanos().saturating_sub(SLOWEST));
+        self.alarm(|triggers, fired| triggers.pass(time, fired));
         if !self.has_frames() {
             return;
         }
-        let time = Timestamp(time.nanos().saturating_sub(SLOWEST));
         for bus in 0..self.buses.len() {
             self.decode(bus, time, |stream, writer| stream.pass(time, writer));
         }
@@ -219,6 +250,7 @@ impl Recorder {
         };
         let frame = &item.frame;
         self.decode(bus, frame.time, |stream, writer| stream.take(frame, writer));
+        self.alarm(|triggers, fired| triggers.take(bus, frame, fired));
         if full {
             self.cut();
             self.split_when_full(self.timeline.now(), false);
@@ -233,6 +265,7 @@ impl Recorder {
             }
         }
         self.add_remarks(now);
+        self.add_events();
         if now.since(self.last_stats) >= SECOND && self.has_frames() {
             self.add_stats(now);
         }
@@ -246,6 +279,7 @@ impl Recorder {
         }
         let asked = self.progress.take_split();
         self.split_when_full(now, asked);
+        self.progress.gone_round();
     }
 
     fn split_when_full(&mut self, now: Timestamp, asked: bool) {
@@ -270,6 +304,29 @@ impl Recorder {
         let Some(segment) = &mut self.segment else { return };
         for remark in self.remarks.drain(..) {
             segment.writer.add_notice(now, "bustape", &remark).ok();
+        }
+    }
+
+    /// Marks and triggers, as soon as there is a frame.
+    fn add_events(&mut self) {
+        for mut event in self.progress.take_events() {
+            self.event_count += 1;
+            let fact = |name: &str| self.recording.get(name).cloned().unwrap_or_default();
+            event.id = format!("{}/{}", fact("session_id"), self.event_count);
+            event.device = fact("host");
+            self.events.push(event);
+        }
+        if !self.has_frames() {
+            self.events.truncate(EARLY);
+            return;
+        }
+        let Some(segment) = &mut self.segment else { return };
+        let mut failed = None;
+        for event in self.events.drain(..) {
+            failed = segment.writer.add_event(&event).err().or(failed);
+        }
+        if let Some(error) = failed {
+            self.fail(&error);
         }
     }
 
@@ -488,6 +545,7 @@ impl Recorder {
             self.add_stats(self.timeline.now());
         }
         self.add_early(Timestamp(0));
+        self.add_events();
         let now = self.timeline.now();
         for bus in 0..self.buses.len() {
             self.decode(bus, now, Stream::finish);

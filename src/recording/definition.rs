@@ -1,6 +1,9 @@
 //! What stands in a file besides messages: facts, attachments, channels and their schemas.
 
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use sha2::{Digest as _, Sha256};
 
 /// A name and a text for each thing known.
 pub type Facts = BTreeMap<String, String>;
@@ -14,6 +17,22 @@ pub struct Attachment {
     pub media_type: String,
     /// The bytes.
     pub data: Vec<u8>,
+}
+
+impl Attachment {
+    /// SHA-256 of the bytes, in hex.
+    pub fn sha256(&self) -> String {
+        hex(&Sha256::digest(&self.data))
+    }
+}
+
+/// Two lower-case digits a byte.
+pub fn hex(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
+        // Writing to a String cannot fail.
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
 }
 
 /// A channel to be defined.

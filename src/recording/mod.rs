@@ -6,6 +6,7 @@ pub mod chunk;
 pub mod container;
 pub mod definition;
 pub mod disk;
+pub mod event;
 pub mod limits;
 pub mod message;
 pub mod reader;

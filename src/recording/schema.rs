@@ -63,3 +63,7 @@ schema!(
     /// A sentence for a person.
     LOG, "foxglove.Log"
 );
+schema!(
+    /// A mark or a trigger.
+    EVENT, "foxglove.Event"
+);

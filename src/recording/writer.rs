@@ -10,6 +10,7 @@ use super::chunk::Chunk;
 use super::container::Container;
 use super::definition::{Attachment, ChannelDefinition, Facts, SchemaDefinition};
 use super::disk::OutputFile;
+use super::event::Event;
 use super::limits::MAX_CHUNK_FRAMES;
 use super::schema::{self, Schema, bustape};
 use super::{can_frame, message, wire};
@@ -92,6 +93,7 @@ pub struct SegmentWriter {
     buses: Vec<Bus>,
     log: Option<u16>,
     clock: Option<u16>,
+    event: Option<u16>,
     /// When the oldest message of the open chunk was added, by the caller's reckoning.
     span: Option<(Timestamp, Timestamp)>,
     frames: bool,
@@ -142,6 +144,7 @@ impl SegmentWriter {
             buses: buses.collect(),
             log: None,
             clock: None,
+            event: None,
             span: None,
             frames: false,
             events: false,
@@ -242,6 +245,17 @@ impl SegmentWriter {
         };
         self.log = Some(channel);
         self.add_message(channel, time, &message::log(time, name, notice));
+        Ok(())
+    }
+
+    /// Adds a mark or a trigger. The segment then holds an event, and is kept.
+    pub fn add_event(&mut self, event: &Event) -> io::Result<()> {
+        let channel = match self.event {
+            Some(channel) => channel,
+            None => self.new_channel(EVENT_TOPIC, schema::EVENT, Facts::new())?,
+        };
+        self.event = Some(channel);
+        self.add_message(channel, event.time, &event.message());
         Ok(())
     }
 

@@ -13,7 +13,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     // Capture never touches the disk.
     ("capture", &["frame", "clock", "sys", "record"]),
     ("recording", &["frame", "record"]),
-    ("record", &["frame", "clock", "text", "recording", "capture", "channels"]),
+    ("record", &["frame", "clock", "text", "recording", "capture", "channels", "trigger"]),
     ("simulate", &["frame", "clock", "sys", "capture", "record"]),
     // What frames mean: no files, no buses.
     // Fields of messages of several frames are written as those of serial lines.
@@ -25,6 +25,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("export", &["decode", "frame", "recording", "text"]),
     // What frames mean, as messages of a recording.
     ("channels", &["frame", "decode", "protocol", "recording"]),
+    // What is waited for, and what is done then.
+    ("trigger", &["frame", "decode", "recording", "text"]),
     ("address", &["capture", "simulate"]),
     // Sends what was recorded: with the addresses, ports and codecs that capture has.
     (
@@ -54,6 +56,7 @@ const ARROWS: &[(&str, &[&str])] = &[
             "simulate",
             "sys",
             "text",
+            "trigger",
         ],
     ),
     ("lib", &[]),

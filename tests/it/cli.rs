@@ -6,7 +6,7 @@ use crate::support::process::{args, bustape};
 
 const COMMANDS: &[&str] = &[
     "record", "info", "cat", "convert", "recover", "retime", "keep", "ports", "demo", "export",
-    "import", "replay",
+    "import", "replay", "mark", "status",
 ];
 
 #[test]

@@ -232,7 +232,7 @@ fn every_segment_has_its_definitions_and_schemas() {
     assert!(files.len() >= 3, "{files:?}");
     for path in files {
         let file = mcap::finished(&path);
-        assert_eq!(file.attachments.len(), 2, "a database and its rules");
+        assert_eq!(file.attachments.len(), 3, "a database, its rules, the configuration");
         assert!(file.facts("bustape.bus.can0").contains_key("definition.hmi-can.dbc"));
         assert_eq!(messages::decoded(&file).count(), file.messages.len());
         total += decoded(&file).values().map(Vec::len).sum::<usize>();

@@ -38,7 +38,7 @@ fn until_it_goes_on_in(path: &Path) {
 fn when_a_write_fails_it_says_so_and_goes_on_in_a_new_file() {
     let folder = tempfile::tempdir().unwrap();
     let lost = several(
-        vec![(6, "frame"), (7, "batch"), (9, "frame"), (12, "batch")],
+        vec![(8, "frame"), (9, "batch"), (11, "frame"), (14, "batch")],
         |(write, layout)| {
             let path = folder.path().join(format!("{write}.mcap"));
             let part = folder.path().join(format!("{write}.mcap.part"));

@@ -8,6 +8,7 @@ use anyhow::{Result, bail};
 use crate::cli::RecordArgs;
 use crate::commands::UsageError;
 use crate::record::{Limits, Pace, Retention, Split, Target, WhenFull};
+use crate::recording::definition::Attachment;
 use crate::recording::disk::{Disk as _, RealDisk};
 use crate::recording::writer::WriterOptions;
 use crate::text::size;
@@ -33,6 +34,8 @@ pub struct Plan {
     pub duration: Option<Duration>,
     /// After how many frames to stop.
     pub count: Option<u64>,
+    /// What the recorder was told, attached to each segment.
+    pub configuration: Option<Attachment>,
 }
 
 impl Plan {
@@ -67,6 +70,7 @@ impl Plan {
             queue: usize::try_from(args.queue).unwrap_or(usize::MAX),
             duration: args.duration,
             count: args.count,
+            configuration: None,
         })
     }
 

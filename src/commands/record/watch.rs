@@ -6,15 +6,23 @@ use std::time::Duration;
 use anyhow::{Context as _, Result};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
+use super::board::Board;
 use super::plan::Plan;
+use super::service::Service;
 use crate::clock::Timeline;
 use crate::commands::output;
 use crate::commands::status::StatusLine;
-use crate::frame::{Level, Notice};
+use crate::frame::{Level, Notice, Unit};
 use crate::record::{Allowance, Outcome, Progress, Tally, Totals};
 
 /// Waits beside the sources and tells how things go.
 pub struct Watch<'a> {
+    /// What others on this machine see of the recording.
+    pub board: Option<Board>,
+    /// Who started this recorder as a service.
+    pub service: Service,
+    /// Names of the buses, and what is counted on them.
+    pub buses: &'a [(String, Unit)],
     /// The recording's timeline.
     pub timeline: &'a Timeline,
     /// What the writer is doing.
@@ -72,7 +80,12 @@ impl Watch<'_> {
                         return "disk full";
                     }
                     let totals: Vec<Totals> = self.tallies.iter().map(|t| t.totals()).collect();
-                    self.status.show(started, self.timeline.now(), &totals, &state);
+                    let now = self.timeline.now();
+                    self.status.show(started, now, &totals, &state);
+                    self.service.go_on(&totals, &state);
+                    if let Some(board) = &mut self.board {
+                        board.show(now, self.buses, &totals, &state);
+                    }
                 }
             }
         }

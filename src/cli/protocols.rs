@@ -25,7 +25,7 @@ pub struct ShowArgs {
     #[arg(long)]
     pub json: bool,
 
-    /// Print the definition file itself
+    /// Print the definition itself; where it is more than one file, each behind its name
     #[arg(long, conflicts_with_all = ["json", "name"])]
     pub source: bool,
 }

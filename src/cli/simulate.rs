@@ -22,7 +22,7 @@ pub struct SimulateArgs {
 pub enum SimulatedDevice {
     /// The controllers of a hybrid solar power station, on a CAN interface
     #[command(after_help = "\
-BUS is a SocketCAN interface. Frames are sent on virtual interfaces (vcan, vxcan), and on a real one
+BUS is a SocketCAN interface. Frames are sent on virtual interfaces (vcan), and on a real one
 only when it is named with --transmit-on; else nothing is sent and the exit status is 4.
 Faults: missing (a frame is not sent), short, long (one byte less, one more), unknown-id, duplicate,
         out-of-order (a packet of a MODBUS structure after the next one), bus-error (an error frame

@@ -141,6 +141,6 @@ fn next_steps(files: &[std::path::PathBuf]) {
     println!("Plot    in Foxglove: Open local file, {file};");
     println!("        add a Plot of /station/BATMON_2.voltage, State Transitions of");
     println!("        /station/INV1_1.mode_label and the Log");
-    println!("Replay  {bustape} cat {file} -f station | canplayer vcan0=station");
-    println!("Export  {bustape} cat {file} --json > frames.jsonl");
+    println!("Replay  {bustape} replay {file} --to station=trace:");
+    println!("Export  {bustape} export {file} --format parquet -o tables");
 }

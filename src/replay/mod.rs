@@ -1,6 +1,6 @@
 //! Replay: frames of a recording, in time order, at the right moment, onto buses.
 //!
-//! A [`Player`](player::Player) takes frames that a [`Feed`](feed::Feed) reads ahead, asks the
+//! [`play`](player::play) takes frames that a [`Feed`](feed::Feed) reads ahead, asks the
 //! [`Schedule`](schedule::Schedule) when each is due, and hands them to a [`Lane`](lane::Lane) per
 //! target, whose [`Sink`](sink::Sink) gives them to the kernel. Nothing here transmits on a bus
 //! without a [`Permit`](permit::Permit).

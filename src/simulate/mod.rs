@@ -12,7 +12,7 @@
 //! | [`zhongheng`] | a telecom rectifier plant behind its RS232 monitor |
 //! | [`faults`] | how often something goes wrong |
 //! | [`source`], [`rectifier_line`] | both as sources, in real time |
-//! | [`line`], [`hmi_can::onto_can`] | both on lines and buses of the kernel |
+//! | [`mod@line`], [`hmi_can::onto_can`] | both on lines and buses of the kernel |
 
 #![allow(clippy::cast_possible_truncation, reason = "physics in f64 becomes fields of a protocol")]
 

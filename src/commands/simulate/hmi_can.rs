@@ -31,7 +31,7 @@ pub async fn run(args: &HmiCanArgs) -> Result<Ended> {
         CanRole::Both => Role::Both,
     });
     if let Some(faults) = &args.faults {
-        if faults.rate(Fault::BusError) > 0.0 && !permit::is_virtual(&interface) {
+        if faults.rate(Fault::BusError) > 0.0 && !interface.is_virtual_can() {
             let text = format!(
                 "the fault bus-error needs a virtual interface, which {name} is not: error frames \
                  are made by the kernel and never sent on a wire"

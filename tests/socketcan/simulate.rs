@@ -38,7 +38,7 @@ fn both() -> Result<(), Failed> {
     assert_eq!(explained.status.code(), Some(0), "{}", text(&explained.stderr));
     let lines = text(&explained.stdout);
     // What the end of the simulation has cut off stands behind the last frame.
-    let last = lines.lines().filter(|line| line.contains("\"id\":")).last();
+    let last = lines.lines().rfind(|line| line.contains("\"id\":"));
     let cut_off = lines.lines().skip_while(|line| Some(*line) != last).skip(1).count();
     for line in lines.lines().take(lines.lines().count() - cut_off) {
         let frame: serde_json::Value = serde_json::from_str(line)?;

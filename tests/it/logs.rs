@@ -301,6 +301,7 @@ fn can_utils_reads_the_asc_log() {
         .collect();
     let first = logs.put("first.log", &simple);
     logs.export(&first, "asc", "out.asc").expect(0);
+    crate::support::peers::peers();
     let mut command = std::process::Command::new("asc2log");
     command.arg("-I").arg(logs.path("out.asc")).env("TZ", "UTC");
     let found = spawn(command).wait().expect(0).out;

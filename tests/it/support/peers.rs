@@ -25,8 +25,9 @@ fn lab(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/lab").join(name)
 }
 
-/// The folder with the Python environment and the node packages.
-fn peers() -> &'static Path {
+/// The folder with the Python environment and the node packages. Afterwards can-utils and strace are
+/// there, too.
+pub fn peers() -> &'static Path {
     static PEERS: OnceLock<PathBuf> = OnceLock::new();
     PEERS.get_or_init(|| {
         let ran = spawn(Command::new(lab("peers"))).wait().expect(0);

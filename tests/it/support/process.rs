@@ -65,8 +65,7 @@ pub fn start_injected<S: AsRef<OsStr>>(
         command.arg("-P").arg(path);
     }
     command.arg(BUSTAPE).args(args);
-    let missing = "strace is needed to make disks fail: run 'apt-get install strace' as root";
-    assert!(Command::new("strace").arg("-V").stdout(Stdio::null()).status().is_ok(), "{missing}");
+    super::peers::peers();
     spawn(command)
 }
 

@@ -14,7 +14,7 @@ use crate::support::terminal::open;
 use crate::support::{several, station, until};
 
 /// received = written + dropped, and what is called written is in the files.
-fn books(ran: &Ran, files: &[Mcap], bus: &str) -> (u64, u64) {
+pub fn books(ran: &Ran, files: &[Mcap], bus: &str) -> (u64, u64) {
     let json = ran.json();
     let books = json["buses"].as_array().unwrap().iter().find(|b| b["bus"] == bus).unwrap().clone();
     let number = |key: &str| books[key].as_u64().unwrap();

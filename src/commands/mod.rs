@@ -29,7 +29,7 @@ mod status;
 
 use std::process::ExitCode;
 
-use clap::{CommandFactory as _, FromArgMatches as _};
+use clap::{ArgMatches, CommandFactory as _, FromArgMatches as _};
 
 use crate::cli::{Cli, Command};
 use crate::permit::Refused;
@@ -52,35 +52,41 @@ pub struct UsageError(pub String);
 pub fn main() -> ExitCode {
     let matches = Cli::command().get_matches();
     let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
-    let result = match cli.command {
-        Command::Record(args) => record::run(&args, &matches),
-        Command::Info(args) => info::run(&args),
-        Command::Cat(args) => cat::run(&args),
-        Command::Convert(args) => convert::run(&args),
-        Command::Replay(args) => replay::run(&args),
-        Command::Recover(args) => recover::run(&args),
-        Command::Completions(args) => install::completions(&args),
-        Command::Man(args) => install::man(&args),
-        Command::Keep(args) => keep::run(&args),
-        Command::Mark(args) => mark::run(&args),
-        Command::Status(args) => overview::run(&args),
-        Command::Retime(args) => retime::run(&args),
-        Command::Export(args) => export::run(&args),
-        Command::Import(args) => import::run(&args),
-        Command::Decode(args) => decode::run(&args),
-        Command::Ports(args) => ports::run(&args),
-        Command::Demo(args) => demo::run(&args),
-        Command::Explain(args) => explain::run(&args),
-        Command::Protocols(args) => protocols::run(&args),
-        Command::Simulate(args) => simulate::run(&args),
+    ExitCode::from(run(&cli, &matches))
+}
+
+/// Runs a command line that was understood from `matches`, and says on stderr why it failed if it did.
+/// Returns the exit status.
+pub fn run(cli: &Cli, matches: &ArgMatches) -> u8 {
+    let result = match &cli.command {
+        Command::Record(args) => record::run(args, matches),
+        Command::Info(args) => info::run(args),
+        Command::Cat(args) => cat::run(args),
+        Command::Convert(args) => convert::run(args),
+        Command::Replay(args) => replay::run(args),
+        Command::Recover(args) => recover::run(args),
+        Command::Completions(args) => install::completions(args),
+        Command::Man(args) => install::man(args),
+        Command::Keep(args) => keep::run(args),
+        Command::Mark(args) => mark::run(args),
+        Command::Status(args) => overview::run(args),
+        Command::Retime(args) => retime::run(args),
+        Command::Export(args) => export::run(args),
+        Command::Import(args) => import::run(args),
+        Command::Decode(args) => decode::run(args),
+        Command::Ports(args) => ports::run(args),
+        Command::Demo(args) => demo::run(args),
+        Command::Explain(args) => explain::run(args),
+        Command::Protocols(args) => protocols::run(args),
+        Command::Simulate(args) => simulate::run(args),
     };
     match result {
-        Ok(Ended::Well) => ExitCode::SUCCESS,
-        Ok(Ended::WithLoss) => ExitCode::from(3),
-        Err(error) if output::is_broken_pipe(&error) => ExitCode::SUCCESS,
+        Ok(Ended::Well) => 0,
+        Ok(Ended::WithLoss) => 3,
+        Err(error) if output::is_broken_pipe(&error) => 0,
         Err(error) => {
             output::error(&format!("{error:#}"));
-            ExitCode::from(status(&error))
+            status(&error)
         }
     }
 }

@@ -93,7 +93,10 @@ pub fn recover_in_place(input: &Path, go_on: GoOn<'_>) -> Result<Recovered, Segm
     let name = final_name(input);
     let is_part = name != input;
     if is_part && name.symlink_metadata().is_ok() {
-        return finish_renaming(input, &name);
+        if is_empty(input) || !is_empty(&name) {
+            return finish_renaming(input, &name);
+        }
+        RealDisk.remove(&name).map_err(|e| cannot("remove", &name, &e))?;
     }
     let copy = with_ending(&name, ".recovery");
     if copy.exists() {
@@ -132,13 +135,19 @@ pub fn recover_in_place(input: &Path, go_on: GoOn<'_>) -> Result<Recovered, Segm
 fn finish_renaming(part: &Path, name: &Path) -> Result<Recovered, SegmentError> {
     let report = Report::default();
     let file = name.to_owned();
-    if crate::recording::disk::is_same(part, name) {
+    if crate::recording::disk::is_same(part, name) || is_empty(part) {
         RealDisk.remove(part).map_err(|e| cannot("remove", part, &e))?;
         return Ok(Recovered::Anew { file, aside: None, report });
     }
     let aside = free_name(&with_ending(name, ".damaged"))?;
     RealDisk.rename(part, &aside).map_err(|e| cannot("rename", part, &e))?;
     Ok(Recovered::Anew { file, aside: Some(aside), report })
+}
+
+/// True for a file without a byte. Where a power cut has left both names of a file on vfat, which has no
+/// links, the check of the disk takes what it holds from one of them.
+fn is_empty(path: &Path) -> bool {
+    path.symlink_metadata().is_ok_and(|about| about.is_file() && about.len() == 0)
 }
 
 /// The `.part` files in a folder that nobody writes any more, by name.

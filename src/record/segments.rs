@@ -159,10 +159,17 @@ impl Segments {
                 )));
             }
         }
+        let folder = folder_of(&part);
+        if self.number == 1 {
+            // A folder that is new is in the one above it. On vfat that one is asked to write the first
+            // entries of the new folder, too, and only once it has been is the new one asked itself
+            // (fat_alloc_new_dir in fs/fat/dir.c). Where we may not look into it, nothing can be done.
+            self.disk.sync_folder(&folder.join("..")).ok();
+        }
         let out = self.disk.create(&part).map_err(|e| create_error(&part, &e))?;
         let written = SegmentWriter::create(out, self.options, head)
             .and_then(|mut writer| writer.sync().map(|()| writer))
-            .and_then(|writer| self.disk.sync_folder(folder_of(&part)).map(|()| writer));
+            .and_then(|writer| self.disk.sync_folder(folder).map(|()| writer));
         match written {
             Ok(writer) => Ok(Segment { writer, path, started: time }),
             Err(error) => {

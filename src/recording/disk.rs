@@ -53,7 +53,13 @@ impl Disk for RealDisk {
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => return Err(error),
             // vfat and some network file systems have no hard links.
             Err(_) if to.try_exists()? => return Err(io::ErrorKind::AlreadyExists.into()),
-            Err(_) => std::fs::rename(from, to)?,
+            Err(_) => {
+                std::fs::rename(from, to)?;
+                // On vfat the place and the size of a file stand beside its name. Linux gives the new
+                // name an empty file first and corrects that when the file itself is written (fs/fat/
+                // namei_vfat.c): without this a power cut leaves the finished file with 0 bytes.
+                File::open(to)?.sync_all()?;
+            }
         }
         self.sync_folder(folder_of(to))
     }

@@ -11,10 +11,10 @@ use crate::support::mcap::{self, Mcap};
 use crate::support::messages::{self, DISK};
 use crate::support::process::{BUSTAPE, Ran, Running, args, bustape, spawn, start, start_injected};
 use crate::support::terminal::open;
-use crate::support::{several, station, until};
+use crate::support::{peers, several, station, until};
 
 /// received = written + dropped, and what is called written is in the files.
-fn books(ran: &Ran, files: &[Mcap], bus: &str) -> (u64, u64) {
+pub fn books(ran: &Ran, files: &[Mcap], bus: &str) -> (u64, u64) {
     let json = ran.json();
     let books = json["buses"].as_array().unwrap().iter().find(|b| b["bus"] == bus).unwrap().clone();
     let number = |key: &str| books[key].as_u64().unwrap();
@@ -123,6 +123,39 @@ fn a_failed_sync_ends_the_file_and_is_not_retried() {
     let files = [mcap::cut(&part), mcap::finished(&next)];
     books(&ran, &files, "hmi-can");
     assert!(!path.exists(), "a file that may not be on the disk must not look finished");
+}
+
+#[test]
+fn every_new_name_is_synced_with_its_folder_and_a_new_folder_with_the_one_above() {
+    peers::peers();
+    let above = tempfile::tempdir().unwrap();
+    let (folder, log) = (above.path().join("new"), above.path().join("log"));
+    std::fs::create_dir(&folder).unwrap();
+    let mut command = Command::new("strace");
+    command.args(["-f", "-y", "-qqq", "-e", "trace=openat,linkat,fsync,write", "-o"]).arg(&log);
+    command.arg(BUSTAPE).args(args(&[&"record", &"sim:hmi-can", &"-d", &folder]));
+    command.args(["--split-time", "300ms", "--duration", "2s"]);
+    spawn(command).wait().expect(0);
+    let log = std::fs::read_to_string(log).unwrap();
+    let synced = |path: &Path| format!("<{}>)", path.canonicalize().unwrap().display());
+    let (folder_synced, above_synced) = (synced(&folder), synced(above.path()));
+    let (mut due, mut names, mut above_done) = (false, 0, false);
+    for line in log.lines() {
+        if line.contains("fsync(") {
+            due &= !line.contains(&folder_synced);
+            above_done |= line.contains(&above_synced);
+        } else if line.contains("O_CREAT") && line.contains(".mcap.part")
+            || line.contains("linkat(")
+        {
+            assert!(above_done, "the folder itself may not last: {line}");
+            assert!(!due, "another name before the folder was synced: {line}");
+            (due, names) = (true, names + 1);
+        } else if line.contains("MCAP0") {
+            // Only a head is written before its name lasts.
+            assert!(line.contains(".mcap.part"), "{line}");
+        }
+    }
+    assert!(!due && names >= 6, "{names} names, {log}");
 }
 
 #[test]

@@ -25,7 +25,7 @@ const EDITS: usize = 2_000;
 const MEMORY: u64 = 1 << 30;
 
 /// A small recording with everything in it.
-fn sound(folder: &Path, layout: Layout) -> (PathBuf, Vec<u8>) {
+pub fn sound(folder: &Path, layout: Layout) -> (PathBuf, Vec<u8>) {
     let can = |n: u64| Frame::Can(CanFrame::new(n as u32 % 5, CanFlags::FD, &[n as u8; 8]));
     let serial = |n: u64| {
         let (direction, data, errors) = (Direction::Tx, vec![n as u8; 9], Vec::new());
@@ -134,7 +134,7 @@ fn random_damage_never_crashes_a_reader_nor_takes_its_memory() {
 }
 
 /// One of the things that happen to files, and one that somebody may think of.
-fn damage(bytes: &mut Vec<u8>, random: &mut Random) {
+pub fn damage(bytes: &mut Vec<u8>, random: &mut Random) {
     let at = random.below(bytes.len().max(1));
     match random.below(7) {
         _ if bytes.len() < 32 => bytes.push(1),
@@ -222,7 +222,7 @@ fn a_chunk_that_unpacks_to_gigabytes_stops_at_the_limit() {
 }
 
 /// A batch of 65,536 empty frames in two bytes each.
-fn dense_batch() -> Vec<u8> {
+pub fn dense_batch() -> Vec<u8> {
     let zeros = vec![0; 65_536];
     let length = [0x80, 0x80, 0x04];
     let mut batch = vec![0x08, 0x80, 0x80, 0x04, 0x10, 0x01];

@@ -303,6 +303,23 @@ fn in_place_the_original_is_set_aside_and_never_changed() {
 }
 
 #[test]
+fn of_both_names_that_a_power_cut_leaves_on_vfat_the_empty_one_goes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = sound(folder.path(), Layout::Batch);
+    let bytes = std::fs::read(&path).unwrap();
+    std::fs::remove_file(&path).unwrap();
+    let (part, name) = (folder.path().join("x.mcap.part"), folder.path().join("x.mcap"));
+    for (full, empty) in [(&part, &name), (&name, &part)] {
+        std::fs::write(full, &bytes).unwrap();
+        std::fs::write(empty, b"").unwrap();
+        bustape(args(&[&"recover", &"--in-place", &part])).expect(0);
+        assert!(std::fs::read(&name).unwrap() == bytes);
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "set aside needlessly");
+        std::fs::remove_file(&name).unwrap();
+    }
+}
+
+#[test]
 fn what_is_being_recorded_is_left_alone() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");

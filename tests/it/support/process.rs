@@ -97,6 +97,11 @@ pub struct Running {
 }
 
 impl Running {
+    #[allow(dead_code, reason = "the soak program looks at it")]
+    pub fn pid(&self) -> u32 {
+        self.child.id()
+    }
+
     pub fn signal(&self, signal: Signal) {
         kill(Pid::from_raw(self.child.id() as i32), signal).expect("it is ours");
     }

@@ -67,6 +67,14 @@ impl Frame {
 /// Longest CAN payload: 64 bytes of a CAN FD frame.
 pub const CAN_MAX_DATA: usize = 64;
 
+/// Bytes of data for each DLC of CAN FD (ISO 11898-1).
+pub const FD_LENGTHS: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64];
+
+/// The DLC of a CAN FD frame with this much data: the smallest that has room.
+pub fn fd_dlc(length: usize) -> u8 {
+    (0..15).find(|dlc| usize::from(FD_LENGTHS[usize::from(*dlc)]) >= length).unwrap_or(15)
+}
+
 /// Properties of a CAN frame, one bit each.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub struct CanFlags(pub u8);

@@ -2,11 +2,12 @@
 
 use std::cell::Cell;
 use std::fs::File;
-use std::io::{self, BufReader, Read};
+use std::io::{self, Read};
 use std::path::Path;
 use std::rc::Rc;
 
 use super::expand::{Compression, Counted, expanded};
+use super::spool::Spooled;
 use super::{ImportError, LogReader, Settings, asc, blf, candump, csv, mf4, pcap, raw, trc};
 
 /// So much of a file is looked at to find its format.
@@ -106,29 +107,19 @@ pub fn open(
         head = head_of(&mut input)?;
     }
     let format = format.or_else(|| Format::of(&head)).ok_or_else(|| unknown(&head))?;
-    // The readers of these seek in their file.
-    if compression.is_none() && size.is_some() {
-        let file = || File::open(path).map(BufReader::new);
-        let reader: Option<Box<dyn LogReader>> = match format {
-            Format::Blf => Some(Box::new(blf::open(file()?)?)),
-            Format::Mf4 => Some(Box::new(mf4::open(file()?)?)),
-            _ => None,
-        };
-        if let Some(reader) = reader {
-            return Ok(Opened { reader, format, compression, size, taken });
-        }
-    }
     let whole: Box<dyn Read> = Box::new(io::Cursor::new(head.clone()).chain(input));
+    // Two formats are not read from front to back.
+    let seekable = |whole| match compression {
+        None if size.is_some() => Spooled::plain(path),
+        _ => Spooled::of(whole),
+    };
     let reader: Box<dyn LogReader> = match format {
         Format::Candump => Box::new(candump::open(whole, &head, settings)),
         Format::Asc => Box::new(asc::open(whole, settings)),
         Format::Trc => Box::new(trc::open(whole, settings)),
         Format::Pcap => Box::new(pcap::open(whole)?),
-        Format::Blf | Format::Mf4 => {
-            let name = format.name();
-            let text = format!("{name} is read from a file only, not compressed or from a pipe");
-            return Err(ImportError::Format(text));
-        }
+        Format::Blf => seekable(whole)?.log(blf::open)?,
+        Format::Mf4 => seekable(whole)?.log(mf4::open)?,
         Format::Csv => Box::new(csv::open(whole, &head)?),
         Format::Raw => Box::new(raw::open(whole, settings)?),
     };

@@ -10,13 +10,14 @@ pub mod expand;
 pub mod format;
 pub mod lines;
 pub mod merge;
+pub mod mf4;
 pub mod names;
 pub mod pcap;
 pub mod raw;
 pub mod trc;
 
 mod little_endian;
-pub mod mf4;
+mod spool;
 
 use std::io;
 

@@ -23,18 +23,19 @@ pub fn put(out: &mut Vec<u8>, frame: &CanFrame) {
     if frame.flags.has(CanFlags::REMOTE) {
         out.push(b'R');
         if frame.dlc > 0 {
-            out.push(digit(frame.dlc));
+            out.push(digit(frame.dlc.min(8)));
         }
-        return;
-    }
-    if frame.flags.has(CanFlags::FD) {
+    } else if frame.flags.has(CanFlags::FD) {
         let brs = u8::from(frame.flags.has(CanFlags::BRS));
         let esi = u8::from(frame.flags.has(CanFlags::ESI)) << 1;
         out.extend_from_slice(&[b'#', digit(FDF | esi | brs)]);
     }
-    for byte in frame.data() {
-        out.extend_from_slice(&[digit(byte >> 4), digit(*byte)]);
+    if !frame.flags.has(CanFlags::REMOTE) {
+        for byte in frame.data() {
+            out.extend_from_slice(&[digit(byte >> 4), digit(*byte)]);
+        }
     }
+    // Behind eight bytes, or behind the wish for them.
     if frame.dlc > 8 {
         out.extend_from_slice(&[b'_', digit(frame.dlc)]);
     }
@@ -74,6 +75,7 @@ mod tests {
         assert_eq!(text(&frame(0x1, CanFlags::EXTENDED, &[])), "00000001#");
         assert_eq!(text(&frame(0x7FF, CanFlags::REMOTE, &[]).with_dlc(4)), "7FF#R4");
         assert_eq!(text(&frame(0x7FF, CanFlags::REMOTE, &[])), "7FF#R");
+        assert_eq!(text(&frame(0x7FF, CanFlags::REMOTE, &[]).with_dlc(12)), "7FF#R8_C");
         assert_eq!(text(&frame(4, CanFlags::ERROR, &[0; 8])), "20000004#0000000000000000");
         assert_eq!(text(&frame(0x123, none, &[1; 8]).with_dlc(12)), "123#0101010101010101_C");
         assert_eq!(text(&frame(0x123, CanFlags::FD | CanFlags::BRS, &[7])), "123##507");

@@ -42,8 +42,7 @@ pub fn sound(folder: &Path, layout: Layout) -> (PathBuf, Vec<u8>) {
     (path, bytes)
 }
 
-/// Runs one of the commands that read files, with little memory. Panics if it does not end by
-/// itself with a sentence.
+/// Runs one of the commands that read recordings.
 fn survives(which: usize, file: &Path, about: &str) -> Output {
     let new = file.with_extension("new");
     let mut command = Command::new(BUSTAPE);
@@ -55,7 +54,16 @@ fn survives(which: usize, file: &Path, about: &str) -> Output {
         5 => command.args(["recover", "-o"]).arg(&new),
         _ => command.args(["convert", "--layout", "batch", "-o"]).arg(&new),
     };
-    command.arg(file).stdin(Stdio::null());
+    command.arg(file);
+    let output = limited(command, file, about);
+    std::fs::remove_file(&new).ok();
+    output
+}
+
+/// Runs a command that reads `file`, with little memory. Panics if it does not end by itself with a
+/// sentence.
+pub fn limited(mut command: Command, file: &Path, about: &str) -> Output {
+    command.stdin(Stdio::null());
     // SAFETY: setrlimit may be called between fork and exec.
     unsafe {
         command.pre_exec(|| {
@@ -67,10 +75,9 @@ fn survives(which: usize, file: &Path, about: &str) -> Output {
         });
     }
     let output = command.output().unwrap();
-    std::fs::remove_file(&new).ok();
     let said = String::from_utf8_lossy(&output.stderr);
     let kept = || {
-        let kept = std::env::temp_dir().join("bustape-hostile.mcap");
+        let kept = std::env::temp_dir().join("bustape-hostile");
         std::fs::copy(file, &kept).unwrap();
         format!("{about}, {command:?}, kept as {}: {} {said}", kept.display(), output.status)
     };

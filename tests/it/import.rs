@@ -8,7 +8,7 @@ use serde_json::json;
 
 use crate::support::bytes::noise;
 use crate::support::mcap;
-use crate::support::process::{Ran, args, bustape};
+use crate::support::process::{BUSTAPE, Ran, args, bustape, spawn};
 
 fn import(options: &[&str], logs: &[&Path], out: &Path) -> Ran {
     let mut all = args(&[&"import", &"-o", &out]);
@@ -74,6 +74,44 @@ fn compressed_logs_are_read_and_damaged_ones_as_far_as_they_go() {
     assert!(ran.err.contains("the compressed file is cut off"), "{}", ran.err);
     let found = cat(&path("cut.mcap"));
     assert!(text.starts_with(&found) && found.lines().count() > 5_000, "{}", found.len());
+}
+
+#[test]
+fn binary_logs_are_read_compressed_and_from_a_pipe_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let line = |n: usize| format!("(17000{n:05}.000001) can0 123#{n:08X}\n");
+    let text: String = (0..20_000).map(line).collect();
+    fs::write(path("a.log"), &text).unwrap();
+    for format in ["blf", "mf4"] {
+        let log = path(&format!("a.{format}"));
+        let export = args(&[&"export", &path("a.log"), &"--format", &format, &"-o", &log]);
+        bustape(export).expect(0);
+        let whole = fs::read(&log).unwrap();
+        let mut gz = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::default());
+        gz.write_all(&whole).unwrap();
+        let gz = gz.finish().unwrap();
+        let zst = zstd::encode_all(&whole[..], 3).unwrap();
+        let numbered = text.replace("can0", "1");
+        for (name, content) in [("gz", &gz[..]), ("zst", &zst), ("cut", &gz[..gz.len() / 2])] {
+            let (log, out) = (path(name), path(&format!("{format}-{name}.mcap")));
+            fs::write(&log, content).unwrap();
+            let ran = import(&[], &[&log], &out);
+            if name == "cut" {
+                let ran = ran.expect(3);
+                assert!(ran.err.contains("the compressed file is cut off"), "{}", ran.err);
+                assert!(numbered.starts_with(&cat(&out)), "{format}");
+            } else {
+                ran.expect(0);
+                assert!(cat(&out) == numbered, "{format} {name}");
+            }
+        }
+        let mut command = std::process::Command::new("sh");
+        let piped = format!("cat a.{format} | {BUSTAPE} import - -o piped-{format}");
+        command.arg("-c").arg(piped).current_dir(&folder);
+        spawn(command).wait().expect(0);
+        assert!(cat(&path(&format!("piped-{format}"))) == numbered, "{format}");
+    }
 }
 
 #[test]

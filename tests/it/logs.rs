@@ -4,6 +4,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use bustape::frame::FD_LENGTHS;
 use serde_json::{Value, json};
 use tempfile::TempDir;
 
@@ -15,11 +16,12 @@ use crate::support::process::{Ran, args, bustape, spawn};
 const START: u64 = 1_700_000_000_123_000;
 
 /// Formats that keep all that python-can's kinds of frames are, at microseconds.
-const FORMATS: [(&str, &str); 6] = [
+const FORMATS: [(&str, &str); 7] = [
     ("candump", "log"),
     ("asc", "asc"),
     ("trc", "trc"),
     ("blf", "blf"),
+    ("mf4", "mf4"),
     ("pcapng", "pcapng"),
     ("frames-csv", "csv"),
 ];
@@ -141,7 +143,22 @@ fn reduced(frame: &Value, format: &str) -> Value {
 #[test]
 fn every_pair_of_formats_gives_the_same_frames() {
     let logs = Logs::new();
-    let text = frames(1, 400);
+    // Every DLC of classic frames, of which none but these programs show the upper half, and of CAN FD.
+    let mut text = frames(1, 330);
+    for number in 0..70_u64 {
+        let (time, dlc) = (START + 10_000_000 + number, number % 16);
+        let frame = match number / 16 {
+            0 => format!("7F{:X}#1122334455667788_{:X}", number % 16, 9 + dlc % 7),
+            1 if dlc > 8 => format!("000000{number:02X}#R8_{dlc:X}"),
+            1 if dlc > 0 => format!("000000{number:02X}#R{dlc}"),
+            1 => format!("000000{number:02X}#R"),
+            2 => format!("000##5{}", "5A".repeat(FD_LENGTHS[dlc as usize].into())),
+            _ => format!("1FFFFFFF#{}", "A5".repeat(dlc.min(8) as usize)),
+        };
+        let way = if number % 3 == 0 { "T" } else { "R" };
+        let (seconds, micros) = (time / 1_000_000, time % 1_000_000);
+        text += &format!("({seconds}.{micros:06}) can{} {frame} {way}\n", number % 2);
+    }
     let first = logs.put("first.log", &text);
     logs.import(&[&first], "first.mcap").expect(0);
     assert_eq!(cat(&logs.path("first.mcap")), text);
@@ -176,7 +193,7 @@ fn every_pair_of_formats_gives_the_same_frames() {
                     })
                     .collect()
             };
-            let names_lost = from == "blf" || to == "blf";
+            let names_lost = [from, to].iter().any(|format| matches!(*format, "blf" | "mf4"));
             let expected = if names_lost { errors(&numbered) } else { errors(named) };
             assert_eq!(errors(&back).lines().count(), 400, "{from} {to}");
             assert!(

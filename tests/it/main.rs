@@ -32,6 +32,7 @@ mod disk;
 mod export;
 mod foxglove;
 mod hostile;
+mod hostile_logs;
 mod import;
 mod kill;
 mod logs;

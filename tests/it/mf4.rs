@@ -60,6 +60,10 @@ fn files_of_loggers_are_read_in_all_their_forms() {
         "packed",
         "motorola",
         "plain-names",
+        "columns",
+        "deflate",
+        "zstd",
+        "lz4",
     ] {
         let path = dir.path().join(format!("{form}.mf4"));
         let frames = peer(&["variant", form], &path);

@@ -7,15 +7,15 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 
 use super::super::{BusHead, FrameWriter};
+use super::channels::Channels;
 use super::kept::Unkept;
-use super::{channels, fd_dlc, text};
-use crate::frame::{CanFlags, CanFrame, Frame, Stamped, Timestamp};
+use super::lines::Lines;
+use super::start::Start;
+use super::text;
+use crate::frame::{CanFlags, CanFrame, Frame, Stamped, Timestamp, fd_dlc};
 use crate::text::asc_date;
 
-/// Written at once.
-const BUFFER: usize = 64 << 10;
 const SECOND: u64 = 1_000_000_000;
-const MILLISECOND: u64 = 1_000_000;
 /// Columns of an identifier.
 const ID_WIDTH: usize = 15;
 /// `CAN_ERR_BUSERROR`: what an error frame without details is read as again.
@@ -24,51 +24,38 @@ const BUS_ERROR: u32 = 0x80;
 /// Starts a log.
 pub fn create<W: Write>(out: W, buses: &[BusHead]) -> impl FrameWriter + use<W> {
     Asc {
-        out,
-        channels: channels::numbers(buses),
-        names: buses.iter().map(|bus| bus.name.clone()).collect(),
-        start: None,
-        buffer: Vec::with_capacity(BUFFER + 1024),
+        lines: Lines::new(out),
+        channels: Channels::of(buses),
+        start: Start::default(),
         unkept: Unkept::default(),
     }
 }
 
 struct Asc<W> {
-    out: W,
-    channels: Vec<u16>,
-    names: Vec<String>,
-    start: Option<u64>,
-    buffer: Vec<u8>,
+    lines: Lines<W>,
+    channels: Channels,
+    start: Start,
     unkept: Unkept,
 }
 
 impl<W: Write> FrameWriter for Asc<W> {
     fn add_bus(&mut self, bus: &BusHead) -> io::Result<()> {
-        channels::add(&mut self.channels, bus);
-        self.names.push(bus.name.clone());
-        if self.start.is_some() {
-            self.put_name(self.names.len() - 1);
+        self.channels.add(bus);
+        if self.start.nanos().is_some() {
+            put_name(self.lines.text(), self.channels.list().last());
         }
         Ok(())
     }
 
     fn write(&mut self, bus: u16, frame: &Stamped<Frame>) -> io::Result<()> {
-        let (Frame::Can(can), Some(&channel)) = (&frame.value, self.channels.get(usize::from(bus)))
-        else {
+        let (Frame::Can(can), Some(channel)) = (&frame.value, self.channels.number(bus)) else {
             self.unkept.frame(&frame.value);
             return Ok(());
         };
-        let nanos = frame.time.nanos();
-        let start = match self.start {
-            Some(start) => start,
-            None => self.begin(nanos),
-        };
-        if nanos < start {
-            self.unkept.add("times before that of the first frame");
-        }
-        let since = nanos.saturating_sub(start);
+        self.begin(frame.time);
+        let since = self.start.since(frame.time, &mut self.unkept);
         self.unkept.time(since, 1000);
-        let out = &mut self.buffer;
+        let out = self.lines.text();
         text::decimal(out, since / SECOND, 4, b' ');
         out.push(b'.');
         text::decimal(out, since % SECOND / 1000, 6, b'0');
@@ -84,22 +71,13 @@ impl<W: Write> FrameWriter for Asc<W> {
         } else {
             classic(out, channel, can);
         }
-        out.push(b'\n');
-        if out.len() >= BUFFER {
-            self.out.write_all(out)?;
-            out.clear();
-        }
-        Ok(())
+        self.lines.end(b"\n")
     }
 
     fn finish(&mut self) -> io::Result<()> {
-        if self.start.is_none() {
-            self.begin(0);
-        }
-        self.buffer.extend_from_slice(b"End TriggerBlock\n");
-        self.out.write_all(&self.buffer)?;
-        self.buffer.clear();
-        self.out.flush()
+        self.begin(Timestamp(0));
+        self.lines.text().extend_from_slice(b"End TriggerBlock\n");
+        self.lines.finish()
     }
 
     fn unkept(&self) -> &BTreeMap<&'static str, u64> {
@@ -108,26 +86,27 @@ impl<W: Write> FrameWriter for Asc<W> {
 }
 
 impl<W> Asc<W> {
-    fn begin(&mut self, first: u64) -> u64 {
-        let start = first / MILLISECOND * MILLISECOND;
-        self.start = Some(start);
-        let date = asc_date(Timestamp(start));
+    /// Writes the head, once.
+    fn begin(&mut self, first: Timestamp) {
+        if !self.start.begin(first.nanos()) {
+            return;
+        }
+        let date = asc_date(Timestamp(self.start.nanos().unwrap_or_default()));
+        let out = self.lines.text();
         let head = format!(
             "date {date}\nbase hex  timestamps absolute\ninternal events logged\n// version 9.0.0\n"
         );
-        self.buffer.extend_from_slice(head.as_bytes());
-        for number in 0..self.names.len() {
-            self.put_name(number);
-        }
+        out.extend_from_slice(head.as_bytes());
+        self.channels.list().iter().for_each(|bus| put_name(out, Some(bus)));
         let begin = format!("Begin Triggerblock {date}\n   0.000000 Start of measurement\n");
-        self.buffer.extend_from_slice(begin.as_bytes());
-        start
+        out.extend_from_slice(begin.as_bytes());
     }
+}
 
-    /// ASC knows channels by number only; readers pass over comments.
-    fn put_name(&mut self, index: usize) {
-        let (number, name) = (self.channels[index], &self.names[index]);
-        self.buffer.extend_from_slice(format!("// bus {number} = {name}\n").as_bytes());
+/// ASC knows channels by number only; readers pass over comments.
+fn put_name(out: &mut Vec<u8>, bus: Option<&(u16, String)>) {
+    if let Some((number, name)) = bus {
+        out.extend_from_slice(format!("// bus {number} = {name}\n").as_bytes());
     }
 }
 

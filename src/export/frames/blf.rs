@@ -11,8 +11,10 @@ use flate2::{Compress, Compression, FlushCompress, Status};
 use jiff::tz::TimeZone;
 
 use super::super::{BusHead, FrameWriter};
-use super::{channels, fd_dlc};
-use crate::frame::{CanFlags, CanFrame, Frame, Stamped, Timestamp, Unit};
+use super::channels::Channels;
+use super::kept::Unkept;
+use super::start::Start;
+use crate::frame::{CanFlags, CanFrame, Frame, Stamped, Timestamp, Unit, fd_dlc};
 
 /// Contents of a container: what Vector's tools write.
 const CONTAINER: usize = 128 << 10;
@@ -34,8 +36,8 @@ pub fn create<W: Write + Seek>(
     out.write_all(&[0; HEAD])?;
     Ok(Blf {
         out,
-        channels: channels::numbers(buses),
-        start: None,
+        channels: Channels::of(buses),
+        start: Start::default(),
         last: Timestamp(0),
         objects: Vec::with_capacity(CONTAINER),
         packed: Vec::with_capacity(CONTAINER),
@@ -43,15 +45,15 @@ pub fn create<W: Write + Seek>(
         size: HEAD as u64,
         unpacked: HEAD as u64,
         count: 0,
-        unkept: BTreeMap::new(),
+        unkept: Unkept::default(),
     })
 }
 
 struct Blf<W> {
     out: W,
-    channels: Vec<u16>,
+    channels: Channels,
     /// Zero of the objects' times.
-    start: Option<u64>,
+    start: Start,
     last: Timestamp,
     /// Objects that wait to be compressed.
     objects: Vec<u8>,
@@ -61,31 +63,30 @@ struct Blf<W> {
     size: u64,
     unpacked: u64,
     count: u32,
-    unkept: BTreeMap<&'static str, u64>,
+    unkept: Unkept,
 }
 
 impl<W: Write + Seek> FrameWriter for Blf<W> {
     fn add_bus(&mut self, bus: &BusHead) -> io::Result<()> {
-        channels::add(&mut self.channels, bus);
+        self.channels.add(bus);
         Ok(())
     }
 
     fn write(&mut self, bus: u16, frame: &Stamped<Frame>) -> io::Result<()> {
-        let channel = self.channels.get(usize::from(bus)).copied().unwrap_or(u16::MAX);
+        let channel = self.channels.number(bus).unwrap_or(u16::MAX);
         match &frame.value {
             Frame::Can(can) => self.can(channel, frame.time, can),
             Frame::Gap(gap) if gap.unit == Unit::Frames => {
                 if gap.count > 0 {
-                    self.not_kept("how many were lost in a gap");
+                    self.unkept.add("how many were lost in a gap");
                 }
                 self.object(91, frame.time, 8, |body| {
                     body.extend(1_u32.to_le_bytes());
                     body.extend(channel.to_le_bytes());
                 });
             }
-            Frame::Gap(_) => self.not_kept("gaps of serial lines"),
-            Frame::Serial(_) => self.not_kept("serial frames"),
-            Frame::Notice(_) => self.not_kept("notices"),
+            Frame::Gap(_) => self.unkept.add("gaps of serial lines"),
+            other => self.unkept.frame(other),
         }
         if self.objects.len() + OBJECT_HEAD + 128 > CONTAINER { self.flush() } else { Ok(()) }
     }
@@ -99,15 +100,11 @@ impl<W: Write + Seek> FrameWriter for Blf<W> {
     }
 
     fn unkept(&self) -> &BTreeMap<&'static str, u64> {
-        &self.unkept
+        self.unkept.list()
     }
 }
 
 impl<W: Write> Blf<W> {
-    fn not_kept(&mut self, what: &'static str) {
-        *self.unkept.entry(what).or_default() += 1;
-    }
-
     fn can(&mut self, channel: u16, time: Timestamp, can: &CanFrame) {
         let id = can.id | if can.flags.has(CanFlags::EXTENDED) { 1 << 31 } else { 0 };
         let sent = u8::from(can.flags.has(CanFlags::TX));
@@ -116,7 +113,7 @@ impl<W: Write> Blf<W> {
         let short = length as u8;
         if can.flags.has(CanFlags::ERROR) {
             if sent != 0 {
-                self.not_kept("the direction of an error");
+                self.unkept.add("the direction of an error");
             }
             self.object(73, time, 32, |body| {
                 body.extend(channel.to_le_bytes());
@@ -156,14 +153,8 @@ impl<W: Write> Blf<W> {
         length: usize,
         fill: impl FnOnce(&mut Vec<u8>),
     ) {
-        let start = *self.start.get_or_insert(if time.nanos() < NO_DATE {
-            0
-        } else {
-            time.nanos() / MILLISECOND * MILLISECOND
-        });
-        if time.nanos() < start {
-            self.not_kept("times before that of the first frame");
-        }
+        self.start.begin(if time.nanos() < NO_DATE { 0 } else { time.nanos() });
+        let since = self.start.since(time, &mut self.unkept);
         self.last = self.last.max(time);
         self.count = self.count.saturating_add(1);
         let objects = &mut self.objects;
@@ -176,7 +167,7 @@ impl<W: Write> Blf<W> {
         head[12..16].copy_from_slice(&kind.to_le_bytes());
         // The time is in nanoseconds.
         head[16] = 2;
-        head[24..].copy_from_slice(&time.nanos().saturating_sub(start).to_le_bytes());
+        head[24..].copy_from_slice(&since.to_le_bytes());
         objects.extend(head);
         fill(objects);
         objects.resize(end, 0);
@@ -224,7 +215,7 @@ impl<W: Write> Blf<W> {
         head[16..24].copy_from_slice(&self.size.to_le_bytes());
         head[24..32].copy_from_slice(&self.unpacked.to_le_bytes());
         head[32..36].copy_from_slice(&self.count.to_le_bytes());
-        if let Some(start) = self.start.filter(|start| *start >= NO_DATE) {
+        if let Some(start) = self.start.nanos().filter(|start| *start >= NO_DATE) {
             head[40..56].copy_from_slice(&system_time(start));
             head[56..72].copy_from_slice(&system_time(self.last.nanos()));
         }

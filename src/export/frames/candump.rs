@@ -6,23 +6,21 @@ use std::io::{self, Write};
 
 use super::super::{BusHead, FrameWriter};
 use super::kept::Unkept;
+use super::lines::Lines;
 use super::text;
 use crate::frame::{Frame, Stamped};
 
-/// Written at once.
-const BUFFER: usize = 64 << 10;
 const SECOND: u64 = 1_000_000_000;
 
 /// Starts a log.
 pub fn create<W: Write>(out: W, buses: &[BusHead]) -> impl FrameWriter + use<W> {
     let names = buses.iter().map(name).collect();
-    Candump { out, names, buffer: Vec::with_capacity(BUFFER + 512), unkept: Unkept::default() }
+    Candump { lines: Lines::new(out), names, unkept: Unkept::default() }
 }
 
 struct Candump<W> {
-    out: W,
+    lines: Lines<W>,
     names: Vec<Vec<u8>>,
-    buffer: Vec<u8>,
     unkept: Unkept,
 }
 
@@ -43,7 +41,7 @@ impl<W: Write> FrameWriter for Candump<W> {
         };
         let nanos = frame.time.nanos();
         self.unkept.time(nanos, 1000);
-        let out = &mut self.buffer;
+        let out = self.lines.text();
         out.push(b'(');
         text::decimal(out, nanos / SECOND, 10, b'0');
         out.push(b'.');
@@ -53,18 +51,11 @@ impl<W: Write> FrameWriter for Candump<W> {
         out.push(b' ');
         crate::text::candump::put(out, can);
         crate::text::candump::put_direction(out, can);
-        out.push(b'\n');
-        if out.len() >= BUFFER {
-            self.out.write_all(out)?;
-            out.clear();
-        }
-        Ok(())
+        self.lines.end(b"\n")
     }
 
     fn finish(&mut self) -> io::Result<()> {
-        self.out.write_all(&self.buffer)?;
-        self.buffer.clear();
-        self.out.flush()
+        self.lines.finish()
     }
 
     fn unkept(&self) -> &BTreeMap<&'static str, u64> {

@@ -5,11 +5,10 @@ use std::io::{self, Write};
 
 use super::super::{BusHead, FrameWriter};
 use super::kept::Unkept;
+use super::lines::Lines;
 use super::text;
 use crate::frame::{CanFlags, CanFrame, Frame, Stamped};
 
-/// Written at once.
-const BUFFER: usize = 64 << 10;
 const SECOND: u64 = 1_000_000_000;
 const HEAD: &[u8] = b"time,bus,id,ext,rtr,error,fd,brs,esi,dir,dlc,data\n";
 const PYTHON_CAN_HEAD: &[u8] = b"timestamp,arbitration_id,extended,remote,error,dlc,data\n";
@@ -28,14 +27,15 @@ pub enum Columns {
 pub fn create<W: Write>(out: W, buses: &[BusHead], columns: Columns) -> impl FrameWriter + use<W> {
     let head = if columns == Columns::All { HEAD } else { PYTHON_CAN_HEAD };
     let names = buses.iter().map(|bus| bus.name.clone()).collect();
-    Csv { out, names, columns, buffer: head.to_vec(), unkept: Unkept::default() }
+    let mut lines = Lines::new(out);
+    lines.text().extend_from_slice(head);
+    Csv { lines, names, columns, unkept: Unkept::default() }
 }
 
 struct Csv<W> {
-    out: W,
+    lines: Lines<W>,
     names: Vec<String>,
     columns: Columns,
-    buffer: Vec<u8>,
     unkept: Unkept,
 }
 
@@ -51,7 +51,7 @@ impl<W: Write> FrameWriter for Csv<W> {
             return Ok(());
         };
         let nanos = frame.time.nanos();
-        let out = &mut self.buffer;
+        let out = self.lines.text();
         text::decimal(out, nanos / SECOND, 1, b'0');
         out.push(b'.');
         text::decimal(out, nanos % SECOND, 9, b'0');
@@ -67,18 +67,11 @@ impl<W: Write> FrameWriter for Csv<W> {
                 python_can(out, can);
             }
         }
-        out.push(b'\n');
-        if out.len() >= BUFFER {
-            self.out.write_all(out)?;
-            out.clear();
-        }
-        Ok(())
+        self.lines.end(b"\n")
     }
 
     fn finish(&mut self) -> io::Result<()> {
-        self.out.write_all(&self.buffer)?;
-        self.buffer.clear();
-        self.out.flush()
+        self.lines.finish()
     }
 
     fn unkept(&self) -> &BTreeMap<&'static str, u64> {

@@ -6,13 +6,14 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 
 use super::super::{BusHead, FrameWriter};
+use super::channels::Channels;
 use super::kept::Unkept;
-use super::{channels, fd_dlc, text};
-use crate::frame::{CanFlags, CanFrame, Frame, Stamped, Timestamp};
+use super::lines::Lines;
+use super::start::Start;
+use super::text;
+use crate::frame::{CanFlags, CanFrame, Frame, Stamped, Timestamp, fd_dlc};
 use crate::text::rfc3339_millis;
 
-/// Written at once.
-const BUFFER: usize = 64 << 10;
 const MILLISECOND: u64 = 1_000_000;
 const DAY: u64 = 86_400_000 * MILLISECOND;
 /// 1970-01-01 in days since 1899-12-30.
@@ -21,58 +22,45 @@ const EPOCH_DAYS: u64 = 25_569;
 /// Starts a trace.
 pub fn create<W: Write>(out: W, buses: &[BusHead]) -> impl FrameWriter + use<W> {
     Trc {
-        out,
-        channels: channels::numbers(buses),
-        names: buses.iter().map(|bus| bus.name.clone()).collect(),
-        start: None,
+        lines: Lines::new(out),
+        channels: Channels::of(buses),
+        start: Start::default(),
         number: 0,
-        buffer: Vec::with_capacity(BUFFER + 1024),
         unkept: Unkept::default(),
     }
 }
 
 struct Trc<W> {
-    out: W,
-    channels: Vec<u16>,
-    names: Vec<String>,
-    start: Option<u64>,
+    lines: Lines<W>,
+    channels: Channels,
+    start: Start,
     /// Of the last line.
     number: u64,
-    buffer: Vec<u8>,
     unkept: Unkept,
 }
 
 impl<W: Write> FrameWriter for Trc<W> {
     fn add_bus(&mut self, bus: &BusHead) -> io::Result<()> {
-        channels::add(&mut self.channels, bus);
-        self.names.push(bus.name.clone());
-        if self.start.is_some() {
-            self.put_name(self.names.len() - 1);
+        self.channels.add(bus);
+        if self.start.nanos().is_some() {
+            put_name(self.lines.text(), self.channels.list().last());
         }
         Ok(())
     }
 
     fn write(&mut self, bus: u16, frame: &Stamped<Frame>) -> io::Result<()> {
-        let (Frame::Can(can), Some(&channel)) = (&frame.value, self.channels.get(usize::from(bus)))
-        else {
+        let (Frame::Can(can), Some(channel)) = (&frame.value, self.channels.number(bus)) else {
             self.unkept.frame(&frame.value);
             return Ok(());
         };
-        let nanos = frame.time.nanos();
-        let start = match self.start {
-            Some(start) => start,
-            None => self.begin(nanos),
-        };
-        if nanos < start {
-            self.unkept.add("times before that of the first frame");
-        }
-        let since = nanos.saturating_sub(start);
+        self.begin(frame.time);
+        let since = self.start.since(frame.time, &mut self.unkept);
         self.unkept.time(since, 1000);
         self.number += 1;
         if can.flags.has(CanFlags::ERROR) {
             self.unkept.add("classes of errors");
         }
-        let out = &mut self.buffer;
+        let out = self.lines.text();
         text::decimal(out, self.number, 7, b' ');
         out.push(b' ');
         text::decimal(out, since / MILLISECOND, 9, b' ');
@@ -80,21 +68,12 @@ impl<W: Write> FrameWriter for Trc<W> {
         text::decimal(out, since % MILLISECOND / 1000, 3, b'0');
         out.push(b' ');
         row(out, channel, can);
-        out.extend_from_slice(b"\r\n");
-        if out.len() >= BUFFER {
-            self.out.write_all(out)?;
-            out.clear();
-        }
-        Ok(())
+        self.lines.end(b"\r\n")
     }
 
     fn finish(&mut self) -> io::Result<()> {
-        if self.start.is_none() {
-            self.begin(0);
-        }
-        self.out.write_all(&self.buffer)?;
-        self.buffer.clear();
-        self.out.flush()
+        self.begin(Timestamp(0));
+        self.lines.finish()
     }
 
     fn unkept(&self) -> &BTreeMap<&'static str, u64> {
@@ -103,9 +82,12 @@ impl<W: Write> FrameWriter for Trc<W> {
 }
 
 impl<W> Trc<W> {
-    fn begin(&mut self, first: u64) -> u64 {
-        let start = first / MILLISECOND * MILLISECOND;
-        self.start = Some(start);
+    /// Writes the head, once.
+    fn begin(&mut self, first: Timestamp) {
+        if !self.start.begin(first.nanos()) {
+            return;
+        }
+        let start = self.start.nanos().unwrap_or_default();
         let days = start / DAY + EPOCH_DAYS;
         // Enough decimals for nanoseconds; readers calculate with floating point numbers.
         let fraction = u128::from(start % DAY) * 10u128.pow(16) / u128::from(DAY);
@@ -116,11 +98,10 @@ impl<W> Trc<W> {
             rfc3339_millis(Timestamp(start)),
             env!("CARGO_PKG_VERSION"),
         );
-        self.buffer.extend_from_slice(head.as_bytes());
-        for number in 0..self.names.len() {
-            self.put_name(number);
-        }
-        self.buffer.extend_from_slice(
+        let out = self.lines.text();
+        out.extend_from_slice(head.as_bytes());
+        self.channels.list().iter().for_each(|bus| put_name(out, Some(bus)));
+        out.extend_from_slice(
             b";\r\n\
               ;   Message   Time    Type    ID     Rx/Tx\r\n\
               ;   Number    Offset  |  Bus  [hex]  |  Reserved\r\n\
@@ -129,13 +110,13 @@ impl<W> Trc<W> {
               ;   |         |       |  |    |      |  |  |    |\r\n\
               ;---+-- ------+------ +- +- --+----- +- +- +--- +- -- -- -- -- -- -- --\r\n",
         );
-        start
     }
+}
 
-    /// Buses are known by number only; readers pass over comments.
-    fn put_name(&mut self, index: usize) {
-        let (number, name) = (self.channels[index], &self.names[index]);
-        self.buffer.extend_from_slice(format!(";   Bus {number} = {name}\r\n").as_bytes());
+/// Buses are known by number only; readers pass over comments.
+fn put_name(out: &mut Vec<u8>, bus: Option<&(u16, String)>) {
+    if let Some((number, name)) = bus {
+        out.extend_from_slice(format!(";   Bus {number} = {name}\r\n").as_bytes());
     }
 }
 

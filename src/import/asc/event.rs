@@ -1,6 +1,6 @@
 //! One event of an ASC log: what stands behind its time.
 
-use crate::frame::{CAN_MAX_DATA, CanFlags, CanFrame};
+use crate::frame::{CAN_MAX_DATA, CanFlags, CanFrame, FD_LENGTHS};
 use crate::import::digits::{Words, decimal, hex, shown};
 
 /// `CAN_ERR_BUSERROR` of `linux/can/error.h`: all that is certain of an error frame.
@@ -63,26 +63,14 @@ fn classic(mut words: Words<'_>, base10: bool) -> Result<Option<CanFrame>, Strin
     };
     let Some(tx) = sent else { return Ok(None) };
     let kind = words.next().unwrap_or_default();
-    let mut flags = tx;
-    let mut data = [0; 8];
     let frame = match kind.to_ascii_lowercase().as_slice() {
         b"r" => {
             // Tools before 2014 leave out the length.
             let dlc = words.peek().and_then(|word| number(word, base10)).filter(|dlc| *dlc <= 15);
             words.next();
-            flags |= CanFlags::REMOTE;
-            #[allow(clippy::cast_possible_truncation, reason = "at most 15")]
-            CanFrame::new(0, flags, &[]).with_dlc(dlc.unwrap_or(0) as u8)
+            remote(tx, dlc.unwrap_or(0))
         }
-        b"d" => {
-            let dlc = words.next().and_then(|word| number(word, base10)).filter(|dlc| *dlc <= 15);
-            let dlc = dlc.ok_or("the length behind d is missing")?;
-            let length = dlc.min(8) as usize;
-            bytes(&mut words, base10, &mut data[..length])?;
-            #[allow(clippy::cast_possible_truncation, reason = "9 to 15")]
-            let raw = if dlc > 8 { dlc as u8 } else { 0 };
-            CanFrame::new(0, flags, &data[..length]).with_dlc(raw)
-        }
+        b"d" => data(&mut words, base10, tx)?,
         _ => return Err(format!("\"{}\" is neither d nor r", shown(kind))),
     };
     named(frame, id, words, base10).map(Some)
@@ -116,7 +104,7 @@ fn flexible(mut words: Words<'_>, base10: bool) -> Result<Option<CanFrame>, Stri
     #[allow(clippy::cast_possible_truncation, reason = "at most 64")]
     let length = length as usize;
     let mut data = [0; CAN_MAX_DATA];
-    bytes(&mut words, base10, &mut data[..length])?;
+    take_bytes(&mut words, base10, &mut data[..length])?;
     let about = words.clone().nth(2).and_then(hex);
     // Classic frames of a CAN FD channel are written in this form too.
     let fd = match about {
@@ -124,16 +112,10 @@ fn flexible(mut words: Words<'_>, base10: bool) -> Result<Option<CanFrame>, Stri
         Some(about) => about & FLAG_EDL != 0,
         None => length > 0 || dlc == 0,
     };
-    if !fd && (about.is_some_and(|about| about & FLAG_RTR != 0) || length == 0 && dlc > 0) {
-        #[allow(clippy::cast_possible_truncation, reason = "at most 15")]
-        let frame = CanFrame::new(0, flags | CanFlags::REMOTE, &[]).with_dlc(dlc as u8);
-        return named(frame, id, words, base10).map(Some);
-    }
-    if length == 0 && dlc > 0 {
-        // Seen in logs: remote requests with the bit rate switch of the channel.
-        #[allow(clippy::cast_possible_truncation, reason = "at most 15")]
-        let frame = CanFrame::new(0, flags | CanFlags::REMOTE, &[]).with_dlc(dlc as u8);
-        return named(frame, id, words, base10).map(Some);
+    // Seen in logs: remote requests with the bit rate switch of the channel.
+    let asked = !fd && about.is_some_and(|about| about & FLAG_RTR != 0) || length == 0 && dlc > 0;
+    if asked {
+        return named(remote(flags, dlc), id, words, base10).map(Some);
     }
     for (flag, set) in [(CanFlags::FD, fd), (CanFlags::BRS, switch), (CanFlags::ESI, indicator)] {
         flags |= if set { flag } else { CanFlags::default() };
@@ -142,6 +124,49 @@ fn flexible(mut words: Words<'_>, base10: bool) -> Result<Option<CanFrame>, Stri
     #[allow(clippy::cast_possible_truncation, reason = "9 to 15")]
     let frame = if !fd && dlc > 8 { frame.with_dlc(dlc as u8) } else { frame };
     named(frame, id, words, base10).map(Some)
+}
+
+/// A remote frame that asks for this much.
+fn remote(flags: CanFlags, dlc: u32) -> CanFrame {
+    let dlc = u8::try_from(dlc).unwrap_or(15).min(15);
+    CanFrame::new(0, flags | CanFlags::REMOTE, &[]).with_dlc(dlc)
+}
+
+/// What stands behind `d`: length and bytes.
+fn data(words: &mut Words<'_>, base10: bool, flags: CanFlags) -> Result<CanFrame, String> {
+    let mut bytes = [0; CAN_MAX_DATA];
+    let missing = "the length behind d is missing";
+    let word = words.next().ok_or(missing)?;
+    let said = number(word, base10).ok_or(missing)?;
+    let (length, kind, raw) = match said {
+        0..=8 => (said as usize, CanFlags::default(), 0),
+        _ => long(word, said, followers(words, base10))?,
+    };
+    take_bytes(words, base10, &mut bytes[..length])?;
+    Ok(CanFrame::new(0, flags | kind, &bytes[..length]).with_dlc(raw))
+}
+
+/// Length, kind and raw DLC of a frame that says more than 8 and has `there` bytes. Tools that know
+/// no `CANFD` events (CSS Electronics' `mdf2asc`, older python-can) write CAN FD frames as classic
+/// ones, with the DLC in decimal, or with the length in the base of the log: what is meant is what
+/// fits the bytes that are there.
+fn long(word: &[u8], said: u32, there: usize) -> Result<(usize, CanFlags, u8), String> {
+    let by_dlc = |dlc: u64| FD_LENGTHS.get(usize::try_from(dlc).ok()?).map(|n| usize::from(*n));
+    let lengths = [by_dlc(said.into()), decimal(word).and_then(by_dlc), Some(said as usize)];
+    let length = lengths.into_iter().flatten().find(|length| *length == there);
+    match length {
+        Some(length) if FD_LENGTHS.contains(&u8::try_from(length).unwrap_or(u8::MAX)) => {
+            Ok((length, CanFlags::FD, 0))
+        }
+        _ if said <= 15 && there == 8 => Ok((8, CanFlags::default(), said as u8)),
+        _ => Err(format!("its {there} bytes are not as many as {} says", shown(word))),
+    }
+}
+
+/// How many bytes stand in front, at most as many as a frame can have.
+fn followers(words: &Words<'_>, base10: bool) -> usize {
+    let is_byte = |word: &&[u8]| number(word, base10).is_some_and(|value| value < 256);
+    words.clone().take(CAN_MAX_DATA).take_while(is_byte).count()
 }
 
 /// The frame with its identifier: `390`, `18EBFF00x`, or the name of a message, where the number
@@ -185,7 +210,7 @@ fn direction(word: &[u8]) -> Option<Option<CanFlags>> {
     }
 }
 
-fn bytes(words: &mut Words<'_>, base10: bool, data: &mut [u8]) -> Result<(), String> {
+fn take_bytes(words: &mut Words<'_>, base10: bool, data: &mut [u8]) -> Result<(), String> {
     let wanted = data.len();
     for byte in data {
         let word = words.next().ok_or_else(|| format!("it ends before its {wanted} bytes do"))?;

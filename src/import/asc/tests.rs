@@ -28,6 +28,8 @@ fn every_form_of_a_frame_is_read() {
     let can = |id, flags, data: &[u8]| CanFrame::new(id, flags, data);
     let remote = |id, flags, dlc| can(id, flags | CanFlags::REMOTE, &[]).with_dlc(dlc);
     let error = can(0x80, CanFlags::ERROR, &[0; 8]);
+    let (twelve, sixteen): ([u8; 12], [u8; 16]) =
+        (std::array::from_fn(|n| n as u8), std::array::from_fn(|n| n as u8));
     for (line, frame) in [
         (
             "1  6F9             Rx   d 2 05 0C  Length = 240015 BitCount = 124 ID = 1785",
@@ -63,6 +65,11 @@ fn every_form_of_a_frame_is_read() {
         ),
         ("CANFD   1 Rx  7d   0 0 1 1 ff 1 2 1000 0", can(0x7D, fd, &[0xFF])),
         ("CANFD   1 Rx  7d   0 0 0 0", can(0x7D, fd, &[])),
+        // CAN FD frames of tools that know no such events: DLC in decimal, in hexadecimal, length.
+        ("1 123  Rx d 9 0 1 2 3 4 5 6 7 8 9 a b", can(0x123, fd, &twelve)),
+        ("1 123x Rx d 10 0 1 2 3 4 5 6 7 8 9 a b c d e f", can(0x123, ext | fd, &sixteen)),
+        ("1 123  Rx d a 0 1 2 3 4 5 6 7 8 9 a b c d e f", can(0x123, fd, &sixteen)),
+        ("1 123  Rx d c 0 1 2 3 4 5 6 7 8 9 a b", can(0x123, fd, &twelve)),
         // A classic frame of a CAN FD channel.
         ("CANFD   1 Tx  7d   0 0 1 1 ff 1 2 200040 0", can(0x7D, tx, &[0xFF])),
         (

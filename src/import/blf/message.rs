@@ -11,8 +11,9 @@ use crate::import::little_endian::{u16_at, u32_at};
 /// What an object tells.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) enum Told {
-    /// A frame on this channel (1 is the first).
-    Frame(u16, CanFrame),
+    /// A frame on this channel (1 is the first), and the DLC as the object says it: a recorder may
+    /// have written one that no frame can have.
+    Frame(u16, CanFrame, u8),
     /// Nobody knows how many frames are missing on this channel.
     Overrun(u16),
     /// Something else.
@@ -28,7 +29,7 @@ const BUS_CAN: u32 = 1;
 pub(super) fn read(object: Object) -> Result<Told, String> {
     let cut = || format!("it has only {} bytes behind its header", object.body.len());
     match object.kind {
-        CAN_MESSAGE | CAN_MESSAGE2 => classic(object.body).ok_or_else(cut)?,
+        CAN_MESSAGE | CAN_MESSAGE2 => classic(object.body).ok_or_else(cut),
         CAN_FD_MESSAGE => fd(object.body).ok_or_else(cut)?,
         CAN_FD_MESSAGE_64 => fd_64(object).ok_or_else(cut)?,
         CAN_ERROR => error(object.body).ok_or_else(cut),
@@ -52,30 +53,28 @@ fn direction(flags: u8) -> CanFlags {
     if flags.is_multiple_of(16) { CanFlags::default() } else { CanFlags::TX }
 }
 
-/// A classic frame: the data are as long as the DLC says, at most 8 bytes.
+/// A classic frame: the data are as long as the DLC says, at most 8 bytes. A DLC above 15 is none
+/// of four bits; the data are then all that are there.
 fn classic_frame(id: u32, flags: CanFlags, dlc: u8, data: &[u8]) -> CanFrame {
     if flags.has(CanFlags::REMOTE) {
-        return CanFrame::new(id, flags, &[]).with_dlc(dlc);
+        return CanFrame::new(id, flags, &[]).with_dlc(dlc.min(15));
     }
     let frame = CanFrame::new(id, flags, &data[..data.len().min(dlc.min(8).into())]);
-    if dlc > 8 && frame.data().len() == 8 { frame.with_dlc(dlc) } else { frame }
+    if (9..=15).contains(&dlc) && frame.data().len() == 8 { frame.with_dlc(dlc) } else { frame }
 }
 
 /// CAN_MESSAGE and CAN_MESSAGE2: channel, flags, DLC, identifier, 8 bytes.
-fn classic(body: &[u8]) -> Option<Result<Told, String>> {
+fn classic(body: &[u8]) -> Option<Told> {
     let (channel, raw, dlc) = (u16_at(body, 0)?, *body.get(2)?, *body.get(3)?);
     let (id, mut flags) = identifier(u32_at(body, 4)?);
     flags |= direction(raw);
     if raw & 0x80 != 0 {
         flags |= CanFlags::REMOTE;
     }
-    if dlc > 15 {
-        return Some(Err(format!("its DLC is {dlc}")));
-    }
     // The 8 bytes are always there; some recorders write no more than are used.
     let used = if flags.has(CanFlags::REMOTE) { 0 } else { usize::from(dlc.min(8)) };
     let data = body.get(8..8 + used)?;
-    Some(Ok(Told::Frame(channel, classic_frame(id, flags, dlc, data))))
+    Some(Told::Frame(channel, classic_frame(id, flags, dlc, data), dlc))
 }
 
 /// CAN_FD_MESSAGE: channel, flags, DLC, identifier, frame length (4), bits (1), FD flags, bytes
@@ -88,7 +87,10 @@ fn fd(body: &[u8]) -> Option<Result<Told, String>> {
     let bits = [(0x1, CanFlags::FD), (0x2, CanFlags::BRS), (0x4, CanFlags::ESI)];
     flags = bits.iter().filter(|(bit, _)| fd_flags & bit != 0).fold(flags, |all, (_, f)| all | *f);
     let data = &body.get(20..)?;
-    Some(fd_frame(id, flags, raw & 0x80 != 0, dlc, valid, data).map(|f| Told::Frame(channel, f)))
+    Some(
+        fd_frame(id, flags, raw & 0x80 != 0, dlc, valid, data)
+            .map(|f| Told::Frame(channel, f, dlc)),
+    )
 }
 
 /// CAN_FD_MESSAGE_64: channel, DLC, bytes that are valid, transmissions, identifier, frame length,
@@ -108,7 +110,7 @@ fn fd_64(object: Object) -> Option<Result<Told, String>> {
     let until_more = more_at.checked_sub(object.body_at + DATA).filter(|_| more_at != 0);
     let data = &data[..until_more.unwrap_or(data.len()).min(data.len())];
     let frame = fd_frame(id, flags, raw & 0x10 != 0, dlc, valid, data);
-    Some(frame.map(|frame| Told::Frame(channel.into(), frame)))
+    Some(frame.map(|frame| Told::Frame(channel.into(), frame, dlc)))
 }
 
 /// A frame of an FD channel, classic unless its flags say FD. Data that are valid but not there are
@@ -122,7 +124,7 @@ fn fd_frame(
     data: &[u8],
 ) -> Result<CanFrame, String> {
     let valid = usize::from(valid);
-    if valid > CAN_MAX_DATA || dlc > 15 {
+    if valid > CAN_MAX_DATA {
         return Err(format!("its DLC is {dlc} and its length {valid}"));
     }
     if valid > 8 {
@@ -135,14 +137,14 @@ fn fd_frame(
     let there = valid.min(data.len());
     bytes[..there].copy_from_slice(&data[..there]);
     let frame = CanFrame::new(id, flags, &bytes[..valid]);
-    let more = !flags.has(CanFlags::FD) && dlc > 8 && valid == 8;
+    let more = !flags.has(CanFlags::FD) && (9..=15).contains(&dlc) && valid == 8;
     Ok(if more { frame.with_dlc(dlc) } else { frame })
 }
 
 /// CAN_ERROR: channel, length. That there was an error is all it says.
 fn error(body: &[u8]) -> Option<Told> {
     let frame = CanFrame::new(error_code::BUS_ERROR, CanFlags::ERROR, &[0; 8]);
-    Some(Told::Frame(u16_at(body, 0)?, frame))
+    Some(Told::Frame(u16_at(body, 0)?, frame, 8))
 }
 
 /// CAN_ERROR_EXT: channel, length, flags (what is valid), error code, position, DLC, reserved, frame
@@ -159,13 +161,13 @@ fn error_ext(body: &[u8]) -> Option<Told> {
     } else {
         error_code::frame(valid & 1 != 0, code)
     };
-    Some(Told::Frame(channel, frame))
+    Some(Told::Frame(channel, frame, dlc))
 }
 
 /// CAN_FD_ERROR_64: channel, DLC, valid bytes, error code, flags (what is valid), ...
 fn fd_error_64(body: &[u8]) -> Option<Told> {
     let (channel, code, valid) = (*body.first()?, *body.get(3)?, u16_at(body, 4)?);
-    Some(Told::Frame(channel.into(), error_code::frame(valid & 1 != 0, code)))
+    Some(Told::Frame(channel.into(), error_code::frame(valid & 1 != 0, code), 8))
 }
 
 /// OVERRUN_ERROR: kind of bus, channel, reserved.

@@ -53,6 +53,7 @@ pub fn open<R: Read + Seek>(mut input: R) -> Result<impl LogReader + use<R>, Imp
         objects: 0,
         buses: Names::default(),
         others: BTreeMap::new(),
+        odd_dlcs: 0,
         skipped: Skipped::default(),
         notes: Vec::new(),
     })
@@ -81,6 +82,8 @@ struct Blf<R> {
     buses: Names,
     /// Objects that carry no frame, by kind.
     others: BTreeMap<u32, u64>,
+    /// Frames whose DLC was above 15.
+    odd_dlcs: u64,
     skipped: Skipped,
     notes: Vec<String>,
 }
@@ -232,7 +235,10 @@ impl<R> Blf<R> {
     fn told(&mut self, object: Object) -> Result<Option<LogFrame>, String> {
         let time = Timestamp(self.head.start.unwrap_or(0)).plus(object.time);
         let (channel, value) = match message::read(object)? {
-            Told::Frame(channel, frame) => (channel, Frame::Can(frame)),
+            Told::Frame(channel, frame, dlc) => {
+                self.odd_dlcs += u64::from(dlc > 15);
+                (channel, Frame::Can(frame))
+            }
             Told::Overrun(channel) => {
                 let (unit, reason) = (Unit::Frames, GapReason::Adapter);
                 (channel, Frame::Gap(Gap { count: 0, unit, reason, from: time, to: time }))
@@ -273,6 +279,13 @@ impl<R> Blf<R> {
                     )
                 },
             );
+        }
+        if self.odd_dlcs > 0 {
+            let count = self.odd_dlcs;
+            self.notes.push(format!(
+                "{count} frame(s) have a DLC above 15, which no frame can have: their bytes are \
+                 taken as they are"
+            ));
         }
         if !self.others.is_empty() {
             let kinds: Vec<String> = self.others.iter().map(|(k, n)| told_of(*k, *n)).collect();

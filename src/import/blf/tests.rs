@@ -168,6 +168,22 @@ fn each_kind_of_object_is_a_frame_with_all_its_properties() {
 }
 
 #[test]
+fn frames_with_an_impossible_dlc_are_taken_with_the_bytes_they_have_and_it_is_said() {
+    let data = [1, 2, 3, 4, 5, 6, 7, 8];
+    let classic = [&[1, 0, 0, 0x33], &[0x23, 1, 0, 0][..], &data].concat();
+    let fd = [&[1, 0, 0, 0x33], &[0x23, 1, 0, 0][..], &[0, 0, 0, 0, 0, 1, 64, 0, 0, 0, 0, 0]];
+    let objects = [
+        object(1, 1, 1, 7, &classic),
+        object(100, 1, 2, 8, &[&fd.concat()[..], &[9; 64]].concat()),
+    ];
+    let log = read(&file(&[container(&objects.concat(), true)]));
+    assert_eq!(log.skipped, Skipped::default());
+    assert_eq!(*log.can(0), CanFrame::new(0x123, CanFlags::default(), &data));
+    assert_eq!(*log.can(1), CanFrame::new(0x123, CanFlags::FD, &[9; 64]));
+    assert!(log.notes[0].starts_with("2 frame(s) have a DLC above 15"), "{:?}", log.notes);
+}
+
+#[test]
 fn errors_say_what_the_controller_said() {
     // Flags: the code is an SJA1000's; stuff error while receiving, at the start of the data.
     let mut ext = vec![1, 0, 0, 0, 1, 0, 0, 0, 0xAA, 0, 4, 0, 0, 0, 0, 0];

@@ -1,18 +1,15 @@
-//! The bytes of a data group or signal: blocks DT, SD and DZ, alone or in lists (HL, DL).
+//! The bytes of a data group or signal: blocks DT, SD, DV and DZ, alone or in lists (HL, DL, LD).
 
 use std::collections::HashSet;
 use std::io::{Read, Seek};
 
-use flate2::{Decompress, FlushDecompress, Status};
-
 use super::blocks::{Block, BlockError, BlockHead, File, HEAD};
+use super::packed::{Packed, Unpacked};
 use crate::import::Skipped;
-use crate::import::little_endian::{u32_at, u64_at};
+use crate::import::little_endian::u32_at;
 
 /// Bytes read at a time.
 const STEP: usize = 64 << 10;
-/// Bytes that one compressed block may have: 16 times what the standard allows.
-const LONGEST: usize = 64 << 20;
 
 /// A stream of bytes that is kept in pieces.
 pub(super) struct Data {
@@ -89,6 +86,23 @@ impl Data {
         lost
     }
 
+    /// Goes on to byte `offset` of the stream, which lies ahead. `false` if it ends before.
+    pub fn go_to<R: Read + Seek>(
+        &mut self,
+        offset: u64,
+        file: &mut File<R>,
+        skipped: &mut Skipped,
+    ) -> Result<bool, BlockError> {
+        while self.offset < offset {
+            if !self.want(1, file, skipped)? && self.pass_hole() == 0 {
+                return Ok(false);
+            }
+            let ahead = usize::try_from(offset.saturating_sub(self.offset));
+            self.take(ahead.unwrap_or(usize::MAX).min(self.bytes().len()));
+        }
+        Ok(self.offset == offset)
+    }
+
     fn more<R: Read + Seek>(
         &mut self,
         file: &mut File<R>,
@@ -154,7 +168,15 @@ impl Data {
                 self.blocks.extend(list.links.iter().skip(1).rev());
                 Ok(())
             }
-            b"##DZ" => self.inflate(head, file),
+            b"##LD" => {
+                // Behind the blocks of records may stand as many of invalidation bits.
+                let list: Block = file.block(link, head.id)?;
+                let count = u32_at(&list.data, 4).map_or(0, |count| count as usize);
+                self.next_list = list.link(0);
+                self.blocks.extend(list.links.iter().skip(1).take(count).rev());
+                Ok(())
+            }
+            b"##DZ" => self.unpack(head, file),
             id => {
                 let id = String::from_utf8_lossy(id).into_owned();
                 Err(BlockError::Odd(format!("data cannot stand in a block {id}")))
@@ -163,100 +185,19 @@ impl Data {
     }
 
     /// Takes in a compressed block. A damaged one gives nothing, and leaves a hole of its size.
-    fn inflate<R: Read + Seek>(
+    fn unpack<R: Read + Seek>(
         &mut self,
         head: BlockHead,
         file: &mut File<R>,
     ) -> Result<(), BlockError> {
-        let mut fields = Vec::with_capacity(24);
-        file.read(head.data_at(), 24, &mut fields)?;
-        let fields = (|| {
-            let (method, columns) = (*fields.get(2)?, u32_at(&fields, 4)?);
-            Some((method, columns as usize, u64_at(&fields, 8)?, u64_at(&fields, 16)?))
-        })();
-        let Some((method, columns, length, packed)) = fields else {
-            return Err(BlockError::Odd("the file ends in the head of this block".into()));
-        };
-        let length = usize::try_from(length).unwrap_or(usize::MAX);
-        if method > 1 || length > LONGEST {
-            let text = format!("its compression {method} or length {length} is not supported");
-            return Err(BlockError::Odd(text));
-        }
+        let packed = Packed::of(&head, file)?;
         let mark = self.bytes.len();
-        let at = head.data_at() + 24;
-        let result = inflate(file, at, packed, length, &mut self.bytes);
-        let given = self.bytes.len() - mark;
-        if given == length && result.is_ok() {
-            if method == 1 && columns > 1 {
-                untranspose(&mut self.bytes, mark, columns);
+        match packed.unpack(file, &mut self.bytes)? {
+            Unpacked::Whole => Ok(()),
+            Unpacked::Less(why) => {
+                self.hole = (packed.length - (self.bytes.len() - mark)) as u64;
+                Err(BlockError::Odd(why))
             }
-            return Ok(());
-        }
-        // The beginning of what is not transposed is good if the file ends in it.
-        let cut = method == 0 && matches!(result, Ok(false));
-        if !cut {
-            self.bytes.truncate(mark);
-        }
-        self.hole = (length - (self.bytes.len() - mark)) as u64;
-        if let Err(BlockError::Read(error)) = result {
-            return Err(error.into());
-        }
-        let text = format!("this compressed block is damaged: {given} of its {length} bytes");
-        Err(BlockError::Odd(text))
-    }
-}
-
-/// Decompresses `packed` bytes from `at` on, no more than `length`. `false` when the file ends.
-fn inflate<R: Read + Seek>(
-    file: &mut File<R>,
-    mut at: u64,
-    packed: u64,
-    length: usize,
-    into: &mut Vec<u8>,
-) -> Result<bool, BlockError> {
-    let end = at.saturating_add(packed);
-    let mark = into.len();
-    let mut inflate = Decompress::new(true);
-    let (mut block, mut used) = (Vec::with_capacity(STEP), 0);
-    loop {
-        if used == block.len() {
-            block.clear();
-            used = 0;
-            let step = usize::try_from(end - at).unwrap_or(STEP).min(STEP);
-            let read = file.read(at, step, &mut block)?;
-            if read == 0 {
-                return Ok(false);
-            }
-            at += read as u64;
-        }
-        into.reserve(STEP);
-        let (before, given) = (inflate.total_in(), into.len());
-        let status = inflate
-            .decompress_vec(&block[used..], into, FlushDecompress::None)
-            .map_err(|error| BlockError::Odd(error.to_string()))?;
-        used += usize::try_from(inflate.total_in() - before).unwrap_or(0);
-        let stuck = inflate.total_in() == before && into.len() == given;
-        if into.len() - mark > length || stuck && status != Status::StreamEnd {
-            into.truncate(mark);
-            return Err(BlockError::Odd("more bytes than announced".into()));
-        }
-        if status == Status::StreamEnd {
-            return Ok(true);
-        }
-    }
-}
-
-/// Turns columns back into rows: the first bytes of all records, then the second ones, ...; what
-/// does not fill a row is at the end as it is.
-fn untranspose(bytes: &mut [u8], from: usize, columns: usize) {
-    let matrix = bytes[from..].to_vec();
-    let rows = matrix.len() / columns;
-    if rows == 0 {
-        return;
-    }
-    for (row, record) in bytes[from..].chunks_exact_mut(columns).enumerate() {
-        for (column, byte) in record.iter_mut().enumerate() {
-            *byte = matrix[column * rows + row];
         }
     }
 }

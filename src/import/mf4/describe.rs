@@ -4,8 +4,10 @@ use std::collections::{BTreeMap, HashSet};
 use std::io::{Read, Seek};
 
 use super::blocks::{Block, BlockError, File};
+use super::channels::{Channel, Channels, VARIABLE, VIRTUAL_MASTER, items};
 use super::event::{Event, Kind, Payload};
-use super::field::{Encoding, Field, Time};
+use super::field::Time;
+use super::packed::Packed;
 use crate::import::Skipped;
 use crate::import::little_endian::{u16_at, u32_at, u64_at};
 
@@ -13,6 +15,8 @@ use crate::import::little_endian::{u16_at, u32_at, u64_at};
 const BLOCKS: usize = 500_000;
 /// Channels inside of channels inside of ...
 const DEPTH: u32 = 8;
+/// `cg_flags`: the times of the records are those of another group.
+const REMOTE_MASTER: u16 = 8;
 /// A record's bytes; bus events have less than a hundred.
 const LONGEST_RECORD: u32 = 1 << 20;
 
@@ -28,7 +32,22 @@ pub(super) struct Group {
     pub size: usize,
     /// Its records are of any length, and belong to a field of another group.
     pub variable: bool,
+    pub time: Time,
+    /// The group whose records have the times of this one's (since MDF 4.2); 0 if they are here.
+    master: u64,
+    /// Where those times are.
+    pub times: Option<Times>,
     pub event: Option<Event>,
+}
+
+/// Times that stand in records of their own.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Times {
+    /// The data of those records.
+    pub data: u64,
+    /// Bytes of one.
+    pub size: usize,
+    pub time: Time,
 }
 
 /// Groups whose records stand mixed in one stream of data.
@@ -55,11 +74,12 @@ pub(super) fn read<R: Read + Seek>(
     first: u64,
     skipped: &mut Skipped,
 ) -> Result<Description, BlockError> {
-    let mut reader = Reader { file, seen: HashSet::new(), skipped };
+    let mut reader = Reader { file, seen: HashSet::new(), columns: false, skipped };
     let mut description = Description::default();
     let mut next = first;
     while let Some(group) = reader.block(next, *b"##DG")? {
         next = group.link(0);
+        reader.columns = reader.holds_columns(group.link(2))?;
         let mut data_group = DataGroup {
             data: group.link(2),
             id_size: group.data.first().copied().unwrap_or(0).into(),
@@ -74,12 +94,41 @@ pub(super) fn read<R: Read + Seek>(
         }
         description.data_groups.push(data_group);
     }
+    description.find_times(reader.skipped);
     Ok(description)
+}
+
+impl Description {
+    /// Gives the groups whose times are those of another group the place of these.
+    fn find_times(&mut self, skipped: &mut Skipped) {
+        let alone = self.data_groups.iter().filter(|group| group.id_size == 0);
+        let times: BTreeMap<u64, Times> = alone
+            .filter_map(|of| {
+                let group = of.groups.first()?;
+                let times = Times { data: of.data, size: group.size, time: group.time };
+                (group.size > 0).then_some((group.at, times))
+            })
+            .collect();
+        for group in &mut self.data_groups {
+            let alone = group.id_size == 0;
+            for group in group.groups.iter_mut().filter(|group| group.master != 0) {
+                group.times = times.get(&group.master).copied().filter(|_| alone);
+                if group.times.is_none() && group.event.take().is_some() {
+                    let (at, count) = (group.master, group.cycles.max(1));
+                    let why = || format!("the times of {count} frames are not in this block");
+                    skipped.add(|| format!("byte {at}"), why);
+                    skipped.count += count - 1;
+                }
+            }
+        }
+    }
 }
 
 struct Reader<'a, R> {
     file: &'a mut File<R>,
     seen: HashSet<u64>,
+    /// The data of the group stand in blocks without bits that say what is invalid.
+    columns: bool,
     skipped: &'a mut Skipped,
 }
 
@@ -111,6 +160,19 @@ impl<R: Read + Seek> Reader<'_, R> {
         }
     }
 
+    /// True if the data at `link` are blocks DV of MDF 4.2, which have the bits that say what is
+    /// invalid in blocks apart (DI).
+    fn holds_columns(&mut self, link: u64) -> Result<bool, BlockError> {
+        let original = self.file.head(link).and_then(|head| match &head.id {
+            b"##DZ" => Packed::of(&head, self.file).map(|packed| packed.original == *b"DV"),
+            id => Ok(matches!(id, b"##DV" | b"##LD")),
+        });
+        match original {
+            Err(BlockError::Odd(_)) => Ok(false),
+            other => other,
+        }
+    }
+
     fn group(
         &mut self,
         at: u64,
@@ -132,8 +194,11 @@ impl<R: Read + Seek> Reader<'_, R> {
             return Ok(None);
         };
         let variable = flags & 1 != 0;
-        let size = bytes.saturating_add(invalid);
-        let mut group = Group { at, record_id, cycles, size: size as usize, variable, event: None };
+        let size = bytes.saturating_add(if self.columns { 0 } else { invalid });
+        let master = if flags & REMOTE_MASTER == 0 { 0 } else { block.link(6) };
+        let (size_of, time, times, event) = (size as usize, Time::NONE, None, None);
+        let mut group =
+            Group { at, record_id, cycles, size: size_of, variable, time, master, times, event };
         if variable {
             return Ok(Some(group));
         }
@@ -144,6 +209,7 @@ impl<R: Read + Seek> Reader<'_, R> {
         }
         let mut channels = Channels::default();
         self.channels(block.link(1), "", 0, &mut channels)?;
+        group.time = channels.time.unwrap_or(Time::NONE);
         let name = self.text(block.link(2))?;
         if let Some(kind) = channels.event() {
             group.event = Some(self.event(kind, channels, &name)?);
@@ -232,10 +298,8 @@ impl<R: Read + Seek> Reader<'_, R> {
             },
         };
         let mut field = |name: &str| take(name).map(|channel| channel.field);
-        let none = Time { field: None, offset: 0.0, factor: 0.0 };
         Ok(Event {
             kind,
-            time: channels.time.unwrap_or(none),
             id: field("ID"),
             ide: field("IDE"),
             channel: field("BusChannel"),
@@ -251,77 +315,4 @@ impl<R: Read + Seek> Reader<'_, R> {
             bus: if acquisition.is_empty() { "CAN".into() } else { acquisition.to_owned() },
         })
     }
-}
-
-/// `cn_type`: variable length, its value is a place in the signal data.
-const VARIABLE: u8 = 1;
-const MASTER: u8 = 2;
-const VIRTUAL_MASTER: u8 = 3;
-
-/// A channel, as far as it matters.
-struct Channel {
-    role: u8,
-    field: Field,
-    /// Where signal data are.
-    data: u64,
-}
-
-impl Channel {
-    fn of(block: &Block) -> Option<Self> {
-        let data = &block.data;
-        let field = Field {
-            byte: u32_at(data, 4)? as usize,
-            bit: u32::from(*data.get(3)? & 7),
-            bits: u32_at(data, 8)?.min(1 << 23),
-            encoding: Encoding::of(*data.get(2)?),
-        };
-        Some(Self { role: *data.first()?, field, data: block.link(5) })
-    }
-
-    fn is_master(&self) -> bool {
-        matches!(self.role, MASTER | VIRTUAL_MASTER)
-    }
-}
-
-/// The channels of a group by the names of their fields.
-#[derive(Default)]
-struct Channels {
-    events: HashSet<&'static str>,
-    fields: BTreeMap<String, Channel>,
-    time: Option<Time>,
-    /// Another bus event that the group holds.
-    other: Option<String>,
-}
-
-const EVENTS: [(&str, Kind); 3] = [
-    ("CAN_DataFrame", Kind::Data),
-    ("CAN_ErrorFrame", Kind::Error),
-    ("CAN_RemoteFrame", Kind::Remote),
-];
-
-impl Channels {
-    fn add(&mut self, name: String, channel: Channel) {
-        let (event, field) = name.split_once('.').unwrap_or((&name, ""));
-        if let Some((event, _)) = EVENTS.iter().find(|(known, _)| *known == event) {
-            self.events.insert(event);
-            // Where fields are given twice, the outermost is the one that counts.
-            if !field.is_empty() {
-                self.fields.insert(field.to_owned(), channel);
-            }
-        } else if event.ends_with("Frame") {
-            self.other.get_or_insert_with(|| event.to_owned());
-        }
-    }
-
-    fn event(&self) -> Option<Kind> {
-        EVENTS.iter().find(|(name, _)| self.events.contains(name)).map(|(_, kind)| *kind)
-    }
-}
-
-/// How many items an array (CA) has: the product of its dimensions.
-fn items(block: &Block) -> u32 {
-    let dimensions = u16_at(&block.data, 2).unwrap_or(0).min(8);
-    let size = |index: u16| u64_at(&block.data, 16 + 8 * usize::from(index)).unwrap_or(1);
-    let items = (0..dimensions).map(size).fold(1_u64, u64::saturating_mul);
-    u32::try_from(items).unwrap_or(u32::MAX)
 }

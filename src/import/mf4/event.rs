@@ -1,7 +1,7 @@
 //! Bus events as frames.
 
-use super::field::{Field, Time};
-use crate::frame::{CAN_MAX_DATA, CanFlags, CanFrame};
+use super::field::Field;
+use crate::frame::{CAN_MAX_DATA, CanFlags, CanFrame, FD_LENGTHS};
 
 /// What an event is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,7 +27,6 @@ pub(super) enum Payload {
 #[derive(Debug)]
 pub(super) struct Event {
     pub kind: Kind,
-    pub time: Time,
     pub id: Option<Field>,
     pub ide: Option<Field>,
     pub channel: Option<Field>,
@@ -130,15 +129,5 @@ fn error(kind: Option<u64>, id: u32, data: &[u8]) -> CanFrame {
 
 /// The data length of a DLC.
 fn length_of(dlc: u8, fd: bool) -> usize {
-    match dlc {
-        0..=8 => dlc.into(),
-        _ if !fd => 8,
-        9 => 12,
-        10 => 16,
-        11 => 20,
-        12 => 24,
-        13 => 32,
-        14 => 48,
-        _ => 64,
-    }
+    if fd { FD_LENGTHS[usize::from(dlc.min(15))].into() } else { dlc.min(8).into() }
 }

@@ -89,6 +89,9 @@ pub(super) struct Time {
 const NANOS: f64 = 1e9;
 
 impl Time {
+    /// That of a group without times.
+    pub const NONE: Self = Self { field: None, offset: 0.0, factor: 0.0 };
+
     /// Nanoseconds since the start of the file of record number `index`.
     #[allow(clippy::cast_possible_truncation, reason = "casts of floats stop at the range's ends")]
     pub fn nanos(&self, record: &[u8], index: u64) -> i64 {

@@ -9,10 +9,12 @@
 //! whose recorder was cut off (`UnFinMF`) is read as far as its data go.
 
 mod blocks;
+mod channels;
 mod data;
 mod describe;
 mod event;
 mod field;
+mod packed;
 mod records;
 mod signal;
 

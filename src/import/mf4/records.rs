@@ -5,9 +5,9 @@ use std::io::{Read, Seek};
 
 use super::blocks::{BlockError, File};
 use super::data::Data;
-use super::describe::{DataGroup, Group};
+use super::describe::{DataGroup, Group, Times};
 use super::event::Payload;
-use super::signal::{LONGEST, Mixed, Signal, Waiting};
+use super::signal::{LONGEST, Mixed, Place, Signal, Waiting};
 use crate::frame::CanFrame;
 use crate::import::Skipped;
 use crate::import::little_endian::u32_at;
@@ -45,8 +45,32 @@ pub(super) struct Records {
     /// Values apart from the records, for each group that has some in signal data.
     signals: Vec<Option<Signal>>,
     mixed: Vec<Mixed>,
+    /// Times apart from the records, for each group that has them so.
+    clocks: Vec<Option<Clock>>,
     pub ready: VecDeque<Told>,
     ended: bool,
+}
+
+/// Times that are read beside the records they belong to.
+struct Clock {
+    data: Data,
+    times: Times,
+}
+
+impl Clock {
+    /// The time of record `number`, nanoseconds since the start of the file, if it is there. Numbers
+    /// rise.
+    fn nanos<R: Read + Seek>(
+        &mut self,
+        number: u64,
+        file: &mut File<R>,
+        skipped: &mut Skipped,
+    ) -> Result<Option<i64>, BlockError> {
+        let Times { size, time, .. } = self.times;
+        let at = number.saturating_mul(size as u64);
+        let there = self.data.go_to(at, file, skipped)? && self.data.want(size, file, skipped)?;
+        Ok(there.then(|| time.nanos(&self.data.bytes()[..size], number)))
+    }
 }
 
 impl Records {
@@ -60,12 +84,15 @@ impl Records {
             Some(Payload::Group(_, at)) => Some(Mixed::new(at, unfinished.offsets)),
             _ => None,
         });
+        let clock = |times: Times| Clock { data: Data::new(times.data, unfinished.lengths), times };
+        let clocks = group.groups.iter().map(|group| group.times.map(clock)).collect();
         Self {
             data: Data::new(group.data, unfinished.lengths),
             id_size: group.id_size,
             counts: vec![0; group.groups.len()],
             signals: signals.collect(),
             mixed: mixed.collect(),
+            clocks,
             groups: group.groups,
             ready: VecDeque::new(),
             ended: false,
@@ -181,12 +208,22 @@ impl Records {
     ) -> Result<(), BlockError> {
         let number = self.counts[index];
         self.counts[index] += 1;
+        let time = match &mut self.clocks[index] {
+            Some(clock) => clock.nanos(number, file, skipped)?,
+            None => Some(self.groups[index].time.nanos(&record, number)),
+        };
         let Some(event) = &self.groups[index].event else { return Ok(()) };
+        let Some(time) = time else {
+            let why = || "the time of this frame is not in the file".into();
+            skipped.add(|| format!("record {number}"), why);
+            return Ok(());
+        };
+        let place = Place { group: index, number, time };
         match event.payload {
-            Payload::None => self.take(index, number, &record, &[], skipped),
+            Payload::None => self.take(place, &record, &[], skipped),
             Payload::Inline(field) => {
                 let data = field.bytes(&record).to_vec();
-                self.take(index, number, &record, &data, skipped);
+                self.take(place, &record, &data, skipped);
             }
             Payload::Signal(field, _) => {
                 let offset = field.number(&record);
@@ -194,11 +231,11 @@ impl Records {
                     Some(signal) => signal.value(offset, file, skipped)?.map(<[u8]>::to_vec),
                     None => None,
                 };
-                self.with_value(index, number, &record, value, skipped);
+                self.with_value(place, &record, value, skipped);
             }
             Payload::Group(field, at) => {
                 let offset = field.number(&record);
-                let waiting = Waiting { group: index, number, offset, record };
+                let waiting = Waiting { place, offset, record };
                 if let Some(mixed) = self.mixed.iter_mut().find(|mixed| mixed.group == at) {
                     mixed.add_record(waiting);
                 }
@@ -212,45 +249,34 @@ impl Records {
     fn pair(&mut self, ended: bool, skipped: &mut Skipped) {
         for index in 0..self.mixed.len() {
             while let Some((waiting, value)) = self.mixed[index].next(ended) {
-                let Waiting { group, number, record, .. } = waiting;
-                self.with_value(group, number, &record, value, skipped);
+                let Waiting { place, record, .. } = waiting;
+                self.with_value(place, &record, value, skipped);
             }
         }
     }
 
     fn with_value(
         &mut self,
-        index: usize,
-        number: u64,
+        place: Place,
         record: &[u8],
         value: Option<Vec<u8>>,
         skipped: &mut Skipped,
     ) {
         match value {
-            Some(value) => self.take(index, number, record, &value, skipped),
+            Some(value) => self.take(place, record, &value, skipped),
             None => skipped.add(
-                || format!("record {number}"),
+                || format!("record {}", place.number),
                 || "the bytes of this frame are not in the file".into(),
             ),
         }
     }
 
-    fn take(
-        &mut self,
-        index: usize,
-        number: u64,
-        record: &[u8],
-        data: &[u8],
-        skipped: &mut Skipped,
-    ) {
-        let Some(event) = &self.groups[index].event else { return };
+    fn take(&mut self, place: Place, record: &[u8], data: &[u8], skipped: &mut Skipped) {
+        let Place { group, number, time } = place;
+        let Some(event) = &self.groups[group].event else { return };
+        let channel = event.channel.map(|field| field.number(record));
         match event.frame(record, data) {
-            Ok(frame) => self.ready.push_back(Told {
-                time: event.time.nanos(record, number),
-                channel: event.channel.map(|field| field.number(record)),
-                group: index,
-                frame,
-            }),
+            Ok(frame) => self.ready.push_back(Told { time, channel, group, frame }),
             Err(why) => skipped.add(
                 || format!("record {number}"),
                 || format!("this frame cannot be taken: {why}"),

@@ -42,15 +42,7 @@ impl Signal {
             self.restarts += 1;
             self.data = Data::new(self.link, self.unfinished);
         }
-        while self.data.offset < offset {
-            if !self.data.want(1, file, skipped)? && self.data.pass_hole() == 0 {
-                return Ok(None);
-            }
-            let ahead = usize::try_from(offset.saturating_sub(self.data.offset));
-            let step = ahead.unwrap_or(usize::MAX).min(self.data.bytes().len());
-            self.data.take(step);
-        }
-        if self.data.offset != offset || !self.data.want(4, file, skipped)? {
+        if !self.data.go_to(offset, file, skipped)? || !self.data.want(4, file, skipped)? {
             return Ok(None);
         }
         let length = u32_at(self.data.bytes(), 0).unwrap_or(0) as usize;
@@ -70,14 +62,25 @@ pub(super) struct Mixed {
     /// Place of the next value, counted as in signal data.
     offset: u64,
     values: VecDeque<(u64, Vec<u8>)>,
-    /// Records without their value: index of the group, number, place of the value, record.
+    /// Records without their value.
     records: VecDeque<Waiting>,
+}
+
+/// Which record it is.
+#[derive(Clone, Copy)]
+pub(super) struct Place {
+    /// Index of its group.
+    pub group: usize,
+    /// Its number in the group, from 0.
+    pub number: u64,
+    /// Nanoseconds since the start of the file.
+    pub time: i64,
 }
 
 /// A record that waits for its value.
 pub(super) struct Waiting {
-    pub group: usize,
-    pub number: u64,
+    pub place: Place,
+    /// Place of the value.
     pub offset: u64,
     pub record: Vec<u8>,
 }

@@ -2,13 +2,13 @@
 
 use std::io::{self, BufReader, ErrorKind, Read};
 
+use super::interface::{self, Interface};
 use crate::import::ImportError;
 
 /// Larger than any packet with a CAN frame, or than what a serial line gives at once.
 const MAX_BLOCK: u32 = 16 << 20;
 /// Interfaces of one section: more are no capture of field buses.
 const MAX_INTERFACES: usize = 4096;
-const NAME_MAX: usize = 64;
 
 const SECTION: u32 = 0x0A0D_0D0A;
 const INTERFACE: u32 = 1;
@@ -30,38 +30,6 @@ pub struct Packet {
     pub at: u64,
     /// Fewer bytes were captured than there were.
     pub cut: bool,
-}
-
-/// Where packets come from.
-#[derive(Clone, Debug)]
-pub struct Interface {
-    /// Link type.
-    pub link: u32,
-    /// `if_name`.
-    pub name: Option<String>,
-    /// Units of time in a second.
-    resolution: Resolution,
-    /// `if_tsoffset`, seconds.
-    offset: u64,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum Resolution {
-    Decimal(u32),
-    Binary(u32),
-}
-
-impl Resolution {
-    fn nanos(self, units: u64) -> u64 {
-        match self {
-            Self::Decimal(power) if power <= 9 => units.saturating_mul(10u64.pow(9 - power)),
-            Self::Decimal(power) => units / 10u64.saturating_pow(power - 9),
-            Self::Binary(power) => {
-                let nanos = (u128::from(units) * 1_000_000_000) >> power;
-                u64::try_from(nanos).unwrap_or(u64::MAX)
-            }
-        }
-    }
 }
 
 /// True for the first bytes of either format.
@@ -119,8 +87,7 @@ impl Blocks {
             blocks.read(&mut head).map_err(|_| no())?;
             // The upper bits tell of a frame check sequence.
             let link = blocks.u32(&head, 20) & 0x0FFF_FFFF;
-            let resolution = Resolution::Decimal(if nanos { 9 } else { 6 });
-            blocks.interfaces.push(Interface { link, name: None, resolution, offset: 0 });
+            blocks.interfaces.push(Interface::plain(link, nanos));
         }
         Ok(blocks)
     }
@@ -227,15 +194,12 @@ impl Blocks {
         };
         let options = options.get(captured.next_multiple_of(4) - captured..).unwrap_or_default();
         let mut sent = false;
-        self.options(options, |code, value| {
+        interface::options(options, self.big, |code, value| {
             if let (2, [_, _, _, _]) = (code, value) {
                 sent = self.u32(value, 0) & 3 == 2;
             }
         });
-        let nanos = self.interface(number).map_or(0, |interface| {
-            let nanos = interface.resolution.nanos(units);
-            nanos.saturating_add(interface.offset.saturating_mul(1_000_000_000))
-        });
+        let nanos = self.interface(number).map_or(0, |interface| interface.nanos(units));
         data.truncate(20 + captured);
         data.drain(..20);
         Ok(Packet {
@@ -253,39 +217,8 @@ impl Blocks {
         }
         let link = self.field(data, 0)?;
         let link = if self.big { link >> 16 } else { link & 0xFFFF };
-        let mut found =
-            Interface { link, name: None, resolution: Resolution::Decimal(6), offset: 0 };
-        self.options(data.get(8..).unwrap_or_default(), |code, value| match (code, value) {
-            (2, name) => {
-                let name = String::from_utf8_lossy(&name[..name.len().min(NAME_MAX)]);
-                let name = name.trim_end_matches('\0');
-                found.name = (!name.is_empty()).then(|| name.to_owned());
-            }
-            (9, [power @ 0..=19]) => found.resolution = Resolution::Decimal((*power).into()),
-            (9, [power @ 0x80..=0xBF]) => {
-                found.resolution = Resolution::Binary((power & 0x7F).into());
-            }
-            (14, [_, _, _, _, _, _, _, _]) => {
-                let (first, second) = (self.u32(value, 0).into(), self.u32(value, 4).into());
-                let (high, low): (u64, u64) =
-                    if self.big { (first, second) } else { (second, first) };
-                found.offset = high << 32 | low;
-            }
-            _ => {}
-        });
-        self.interfaces.push(found);
+        self.interfaces.push(Interface::of(link, data.get(8..).unwrap_or_default(), self.big));
         Ok(())
-    }
-
-    fn options(&self, mut bytes: &[u8], mut take: impl FnMut(u16, &[u8])) {
-        while let [a, b, c, d, rest @ ..] = bytes {
-            let number =
-                |pair| if self.big { u16::from_be_bytes(pair) } else { u16::from_le_bytes(pair) };
-            let (code, length) = (number([*a, *b]), usize::from(number([*c, *d])));
-            let Some(value) = rest.get(..length).filter(|_| code != 0) else { return };
-            take(code, value);
-            bytes = rest.get(length.next_multiple_of(4)..).unwrap_or_default();
-        }
     }
 
     /// A number inside a block.
@@ -297,8 +230,7 @@ impl Blocks {
     }
 
     fn u32(&self, bytes: &[u8], at: usize) -> u32 {
-        let four = std::array::from_fn(|index| bytes.get(at + index).copied().unwrap_or(0));
-        if self.big { u32::from_be_bytes(four) } else { u32::from_le_bytes(four) }
+        interface::u32_at(bytes, at, self.big)
     }
 
     fn read(&mut self, into: &mut [u8]) -> io::Result<()> {

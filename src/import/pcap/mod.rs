@@ -2,6 +2,7 @@
 //! draft-ietf-opsawg-pcap and draft-ietf-opsawg-pcapng; link types at tcpdump.org/linktypes).
 
 mod block;
+mod interface;
 mod packet;
 
 use std::collections::BTreeMap;
@@ -10,7 +11,8 @@ use std::io::{ErrorKind, Read};
 use super::names::Names;
 use super::{ImportError, LogFrame, LogReader, Skipped};
 use crate::frame::{Stamped, Timestamp};
-use block::{Blocks, Interface, Packet};
+use block::{Blocks, Packet};
+use interface::Interface;
 
 /// Most packets given at once.
 const BATCH: usize = 4096;

@@ -14,6 +14,10 @@ const SOCKETCAN: u32 = 227;
 pub const RTAC_SERIAL: u32 = 250;
 /// `ARPHRD_CAN` of `linux/if_arp.h`.
 const ARPHRD_CAN: u16 = 280;
+/// Protocols of CAN in those (`linux/if_ether.h`, `ETH_P_CAN`, `_CANFD`, `_CANXL`). CSS Electronics'
+/// `mdf2pcap` gives nothing else.
+const PROTOCOLS: std::ops::RangeInclusive<u16> = 0x000C..=0x000E;
+const CAN_FD: u16 = 0x000D;
 /// `PACKET_OUTGOING` of `linux/if_packet.h`.
 const OUTGOING: u16 = 4;
 
@@ -39,21 +43,27 @@ pub fn frames(
 ) -> Result<Option<Found>, String> {
     let pair = |at: usize| Some(u16::from_be_bytes([*data.get(at)?, *data.get(at + 1)?]));
     let sent = if packet.sent { CanFlags::TX } else { CanFlags::default() };
-    let (payload, sent, interface, big) = match link {
-        SOCKETCAN => (Some(data), sent, None, true),
+    let is_can = |kind, protocol| {
+        pair(kind) == Some(ARPHRD_CAN) || pair(protocol).is_some_and(|p| PROTOCOLS.contains(&p))
+    };
+    let (payload, sent, interface, big, fd) = match link {
+        SOCKETCAN => (Some(data), sent, None, true, false),
         RTAC_SERIAL => {
             let frame = serial(data)?.map(|frame| Found { frame, interface: None });
             return Ok(frame);
         }
-        SLL if pair(2) == Some(ARPHRD_CAN) => (data.get(16..), out(pair(0)), None, big_endian),
-        SLL2 if pair(8) == Some(ARPHRD_CAN) => {
+        SLL if is_can(2, 14) => {
+            (data.get(16..), out(pair(0)), None, big_endian, pair(14) == Some(CAN_FD))
+        }
+        SLL2 if is_can(8, 0) => {
             let number =
                 data.get(4..8).and_then(|bytes| Some(u32::from_be_bytes(bytes.try_into().ok()?)));
             let kind = data.get(10).map(|kind| u16::from(*kind));
-            (data.get(20..), out(kind), number, big_endian)
+            (data.get(20..), out(kind), number, big_endian, pair(0) == Some(CAN_FD))
         }
         _ => return Ok(None),
     };
+    let sent = if fd { sent | CanFlags::FD } else { sent };
     let frame = can(payload.unwrap_or_default(), sent, packet.cut, big)?;
     Ok(Some(Found { frame: Frame::Can(frame), interface }))
 }
@@ -64,7 +74,7 @@ fn out(kind: Option<u16>) -> CanFlags {
 
 /// `struct can_frame` or `struct canfd_frame` of `linux/can.h`. Its identifier is big endian, but
 /// behind a header of LINUX_SLL it is as the capturing machine had it.
-fn can(data: &[u8], sent: CanFlags, cut: bool, big: bool) -> Result<CanFrame, String> {
+fn can(data: &[u8], said: CanFlags, cut: bool, big: bool) -> Result<CanFrame, String> {
     let [a, b, c, d, length, fd_flags, _, raw_dlc, payload @ ..] = data else {
         return Err(format!("its {} bytes are too few for a CAN frame", data.len()));
     };
@@ -76,10 +86,13 @@ fn can(data: &[u8], sent: CanFlags, cut: bool, big: bool) -> Result<CanFrame, St
     }
     let length = usize::from(*length);
     // Until Linux 6.1 only the size of the structure told CAN FD frames.
-    let fd = fd_flags & FDF != 0 || length > 8 || payload.len() == CAN_MAX_DATA;
+    let fd = said.has(CanFlags::FD)
+        || fd_flags & FDF != 0
+        || length > 8
+        || payload.len() == CAN_MAX_DATA;
     let most = if fd { CAN_MAX_DATA } else { 8 };
     let extended = word & EXTENDED != 0;
-    let mut flags = sent;
+    let mut flags = said;
     if word & ERROR != 0 {
         flags |= CanFlags::ERROR;
     } else if extended {

@@ -93,6 +93,11 @@ fn captures_of_all_interfaces_are_read() {
     assert_eq!((skipped.count, notes.len()), (0, 1));
     let sll2 = [&[0, 12, 0, 0, 0, 0, 0, 3, 1, 24, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0][..], &id].concat();
     assert_eq!(read(&order.pcap(0xA1B2_C3D4, 276, &[(1, 0, &sll2)])).0[0].0, "if3");
+    // The kind of hardware is not told, the protocol (ETH_P_CANFD) is.
+    let fd = [&[0, 1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 13][..], &id].concat();
+    let received = CanFrame::new(0x18EF_C034, CanFlags::EXTENDED | CanFlags::FD, &[7, 8]);
+    let (frames, ..) = read(&order.pcap(0xA1B2_C3D4, 113, &[(1, 0, &fd)]));
+    assert_eq!(frames, [("can0".to_owned(), 1_000_000_000, Frame::Can(received))]);
 }
 
 #[test]

@@ -1,10 +1,8 @@
 //! One line of a PEAK trace.
 
-use crate::frame::{CAN_MAX_DATA, CanFlags, CanFrame};
+use crate::frame::{CAN_MAX_DATA, CanFlags, CanFrame, FD_LENGTHS};
 use crate::import::digits::{Words, decimal, fixed, hex, shown};
 
-/// Lengths of CAN FD by DLC (ISO 11898-1).
-const FD_LENGTHS: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64];
 /// `CAN_ERR_PROT` and `CAN_ERR_BUSERROR` of `linux/can/error.h`.
 const PROTOCOL_ERROR: u32 = 0x08 | 0x80;
 /// Bits of the type of an error (1 bit, 2 form, 4 stuff) as `linux/can/error.h` has them in byte 2.

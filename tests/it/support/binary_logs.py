@@ -14,6 +14,7 @@ import json
 import random
 import struct
 import sys
+import zlib
 
 import can
 
@@ -107,10 +108,25 @@ class Blocks:
         values = struct.pack("<4B4I2BH6d", role, 1 if role == 2 else 0, kind, bit, byte, bits, 0, 0, 0, 0, 0, *[0.0] * 6)
         return self.add(b"CN", [following, inside, self.text(name), 0, conversion, data, 0, 0], values)
 
-    def group(self, following, first, name, record_id, cycles, flags, size):
+    def group(self, following, first, name, record_id, cycles, flags, size, master=0):
         source = self.add(b"SI", [self.text(name), 0, 0], bytes((2, 2, 0, 0, 0, 0, 0, 0)))
-        values = struct.pack("<2Q2H3I", record_id, cycles, flags, 0x2E, 0, size, 0)
-        return self.add(b"CG", [following, first, self.text(name), source, 0, 0], values)
+        # In column storage a byte a record says what is invalid.
+        values = struct.pack("<2Q2H3I", record_id, cycles, flags | (8 if master else 0), 0x2E, 0, size, 1 if master else 0)
+        links = [following, first, self.text(name), source, 0, 0, *([master] if master else [])]
+        return self.add(b"CG", links, values)
+
+    def packed(self, method, row, data):
+        """A compressed block of records: 0 deflate, 2 Zstandard, 4 LZ4; one more for transposed ones."""
+        import lz4.frame
+        import zstandard
+
+        whole = data
+        if method % 2:
+            count = len(data) // row
+            data = b"".join(data[column:count * row:row] for column in range(row)) + data[count * row:]
+        pack = (zlib.compress, zstandard.ZstdCompressor().compress, lz4.frame.compress)[method // 2]
+        values = struct.pack("<2s2BIQQ", b"DT", method, 0, row, len(whole), len(pack(data)))
+        return self.add(b"DZ", [], values + pack(data))
 
 
 def variant(form, path):
@@ -118,7 +134,8 @@ def variant(form, path):
     file = Blocks(unfinished)
     header = file.add(b"HD", [0] * 6, struct.pack("<Q2h4B2d", 1795317300_250000000, 0, 0, 2, 0, 0, 0, 0, 0))
     vlsd, order = form.startswith("vlsd"), ">" if form == "motorola" else "<"
-    packed, plain = form == "packed", form == "plain-names"
+    packed, plain, columns = form == "packed", form == "plain-names", form == "columns"
+    before = 8 if columns else 0  # bytes of the time, which is apart
     shared = form in ("unsorted", "vlsd-list")
     number, real = (1, 5) if form == "motorola" else (0, 4)
     conversion = file.add(b"CC", [0] * 4, struct.pack("<2B3H4d", 1, 0, 0, 0, 2, 0, 0, 0.5, 1e-6)) if packed else 0
@@ -135,10 +152,12 @@ def variant(form, path):
         prefix, first = ("" if plain else f"{event}."), 0
         if payload:
             options = {"role": 1, "data": payload} if vlsd else {}
-            first = file.channel(prefix + "DataBytes", 18, 64 if vlsd else 64 * 8, kind=10, following=first, **options)
+            first = file.channel(prefix + "DataBytes", 18 - before, 64 if vlsd else 64 * 8, kind=10, following=first, **options)
         for name, (byte, bits, bit) in place.items():
-            first = file.channel(prefix + name, byte, bits, bit, kind=number, following=first)
-        parent = file.channel(event, 8, 8 * 74, kind=10, inside=first)
+            first = file.channel(prefix + name, byte - before, bits, bit, kind=number, following=first)
+        parent = file.channel(event, 8 - before, 8 * 74, kind=10, inside=first)
+        if columns:
+            return parent
         return file.channel("t", 0, 64, kind=number if packed else real, role=2, following=parent, conversion=conversion)
 
     def record(time, frame, payload):
@@ -183,11 +202,31 @@ def variant(form, path):
             half = len(values) // 2
             parts = [file.add(b"SD", [], bytes(part)) for part in (values[:half], values[half:])]
             signal = file.add(b"DL", [0, *parts], struct.pack("<B3xIQQ", 0, 2, 0, half))
-        first = file.group(0, fields("CAN_DataFrame", signal or 1), "CAN7", 0, count_of(False), 6, size)
-        records = [whole for _, whole, _ in frames]
-    group = file.add(b"DG", [0, first, 0, 0], bytes((1 if shared else 0,)) + bytes(7))
+        times = 0
+        if columns:
+            # Since MDF 4.2: the times in a group of their own, which others name as theirs.
+            master = file.group(0, file.channel("t", 0, 64, kind=real, role=2), "times", 0, len(frames), 0, 8)
+            data = file.add(b"DV", [], b"".join(whole[:8] for _, whole, _ in frames))
+            times = file.add(b"DG", [0, master, data, 0], bytes(8))
+        first = file.group(0, fields("CAN_DataFrame", signal or 1), "CAN7", 0, count_of(False), 6, size - before,
+                           master if columns else 0)
+        records = [whole[before:] for _, whole, _ in frames]
+    group = file.add(b"DG", [0 if shared else times, first, 0, 0], bytes((1 if shared else 0,)) + bytes(7))
     file.link(header, 0, group)
-    file.link(group, 2, file.add(b"DT", [], b"".join(records), length=24 if unfinished else None))
+    if columns:
+        half = len(records) // 2
+        parts = [file.add(b"DV", [], b"".join(part)) for part in (records[:half], records[half:])]
+        bits = [file.add(b"DI", [], bytes(len(part))) for part in (records[:half], records[half:])]
+        data = file.add(b"LD", [0, *parts, *bits], struct.pack("<2IQQ", 1 << 31, 2, 0, half))
+    elif form in ("zstd", "lz4", "deflate"):
+        method = {"deflate": 1, "zstd": 3, "lz4": 4}[form]
+        half = len(records) // 2 + 3
+        parts = [file.packed(method, size, b"".join(part)) for part in (records[:half], records[half:])]
+        data = file.add(b"DL", [0, *parts], struct.pack("<B3xIQQ", 0, 2, 0, half * size))
+        data = file.add(b"HL", [data], struct.pack("<HB5x", 0, method))
+    else:
+        data = file.add(b"DT", [], b"".join(records), length=24 if unfinished else None)
+    file.link(group, 2, data)
     with open(path, "wb") as out:
         out.write(file.bytes)
     print("\n".join(lines))

@@ -20,7 +20,9 @@ use self::block::{Blocks, block, text};
 use self::groups::Group;
 use self::record::Kind;
 use super::super::{BusHead, FrameWriter};
-use super::channels;
+use super::channels::Channels;
+use super::kept::Unkept;
+use super::start::Start;
 use crate::frame::{CanFlags, CanFrame, Frame, Stamped, Timestamp};
 
 /// What the identification says: MDF 4.11, written by this program.
@@ -28,7 +30,6 @@ const VERSION: u16 = 411;
 const IDENTIFICATION: usize = 64;
 /// Records of all groups that wait to be written, bytes; more is written before its block is full.
 const WAITING: usize = 16 << 20;
-const MILLISECOND: u64 = 1_000_000;
 
 /// Starts a file. `out` is at its beginning, which [`FrameWriter::finish`] writes again.
 pub fn create<W: Write + Seek>(
@@ -41,12 +42,11 @@ pub fn create<W: Write + Seek>(
     Ok(Mf4 {
         out,
         at: head.len() as u64,
-        names: buses.iter().map(|bus| bus.name.clone()).collect(),
-        channels: channels::numbers(buses),
-        start: None,
+        channels: Channels::of(buses),
+        start: Start::default(),
         groups: BTreeMap::new(),
         waiting: 0,
-        unkept: BTreeMap::new(),
+        unkept: Unkept::default(),
     })
 }
 
@@ -54,27 +54,24 @@ struct Mf4<W> {
     out: W,
     /// Bytes written.
     at: u64,
-    names: Vec<String>,
-    channels: Vec<u16>,
-    start: Option<u64>,
+    channels: Channels,
+    start: Start,
     groups: BTreeMap<(u16, Kind), Group>,
     /// Bytes of records in all groups.
     waiting: usize,
-    unkept: BTreeMap<&'static str, u64>,
+    unkept: Unkept,
 }
 
 impl<W: Write + Seek> FrameWriter for Mf4<W> {
     fn add_bus(&mut self, bus: &BusHead) -> io::Result<()> {
-        channels::add(&mut self.channels, bus);
+        self.channels.add(bus);
         Ok(())
     }
 
     fn write(&mut self, bus: u16, frame: &Stamped<Frame>) -> io::Result<()> {
         match &frame.value {
             Frame::Can(can) => self.can(bus, frame.time, can)?,
-            Frame::Serial(_) => self.not_kept("serial frames"),
-            Frame::Gap(_) => self.not_kept("gaps"),
-            Frame::Notice(_) => self.not_kept("notices"),
+            other => self.unkept.frame(other),
         }
         Ok(())
     }
@@ -87,41 +84,33 @@ impl<W: Write + Seek> FrameWriter for Mf4<W> {
         let mut next = 0;
         // From the last group on, since each names the next one.
         for ((bus, _), group) in self.groups.iter().rev() {
-            let name = self.names.get(usize::from(*bus)).map_or("", String::as_str);
-            next = group.describe(&mut blocks, name, next);
+            next = group.describe(&mut blocks, self.channels.name(*bus), next);
         }
         self.out.write_all(&blocks.bytes)?;
         self.out.seek(SeekFrom::Start(IDENTIFICATION as u64))?;
-        self.out.write_all(&header(next, self.start.unwrap_or(0)))?;
+        self.out.write_all(&header(next, self.start.nanos().unwrap_or(0)))?;
         self.out.seek(SeekFrom::End(0))?;
         self.out.flush()
     }
 
     fn unkept(&self) -> &BTreeMap<&'static str, u64> {
-        &self.unkept
+        self.unkept.list()
     }
 }
 
 impl<W: Write> Mf4<W> {
-    fn not_kept(&mut self, what: &'static str) {
-        *self.unkept.entry(what).or_default() += 1;
-    }
-
     fn can(&mut self, bus: u16, time: Timestamp, can: &CanFrame) -> io::Result<()> {
         // Readers keep the start to the microsecond; a whole millisecond keeps sums exact.
-        let nanos = time.nanos();
-        let start = *self.start.get_or_insert(nanos / MILLISECOND * MILLISECOND);
-        if nanos < start {
-            self.not_kept("times before that of the first frame");
-        }
+        self.start.begin(time.nanos());
+        let since = self.start.since(time, &mut self.unkept);
         let kind = Kind::of(can);
         if kind == Kind::Error && can.flags.has(CanFlags::FD) {
-            self.not_kept("that an error was on FD");
+            self.unkept.add("that an error was on FD");
         }
-        let channel = self.channels.get(usize::from(bus)).copied().unwrap_or(0);
+        let channel = self.channels.number(bus).unwrap_or(0);
         let channel = u8::try_from(channel).unwrap_or(u8::MAX);
         let group = self.groups.entry((bus, kind)).or_insert_with(|| Group::new(kind));
-        group.add(nanos.saturating_sub(start), channel, can);
+        group.add(since, channel, can);
         self.waiting += kind.size();
         if group.is_full() {
             self.waiting -= group.waiting();

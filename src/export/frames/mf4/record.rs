@@ -1,6 +1,6 @@
 //! Records: one frame each, in the fields that ASAM's bus logging gives to CAN events.
 
-use crate::frame::{CanFlags, CanFrame};
+use crate::frame::{CanFlags, CanFrame, fd_dlc};
 
 /// What a group of records holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -97,8 +97,7 @@ impl Kind {
         };
         #[allow(clippy::cast_possible_truncation, reason = "a frame has at most 64 bytes")]
         let length = data.len() as u8;
-        let dlc =
-            if self == Self::Fd { super::super::fd_dlc(data.len()) } else { frame.dlc.max(length) };
+        let dlc = if self == Self::Fd { fd_dlc(data.len()) } else { frame.dlc.max(length) };
         into.extend(time.to_le_bytes());
         into.extend(frame.id.to_le_bytes());
         into.extend([flag(CanFlags::EXTENDED), channel, dlc, length, flag(CanFlags::TX)]);

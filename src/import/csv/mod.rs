@@ -1,13 +1,16 @@
 //! CSV of frames: the columns of `bustape export --format frames-csv`, those of python-can
-//! (`can.io.csv`), or any of their names in any order.
+//! (`can.io.csv`), those of CSS Electronics' `mdf2csv`, or any of their names in any order.
+
+mod field;
 
 use std::io::Read;
 
-use super::digits::{decimal, hex, hex_pair, seconds, shown};
+use super::digits::{decimal, hex, shown};
 use super::lines::Lines;
 use super::names::Names;
 use super::{ImportError, LogFrame, LogReader, Skipped};
-use crate::frame::{CAN_MAX_DATA, CanFlags, CanFrame, Frame, Stamped, Timestamp};
+use crate::frame::{CAN_MAX_DATA, CanFlags, CanFrame, Frame, Stamped};
+use field::{base64, hex_bytes, moment, unquoted};
 
 /// Most frames given at once.
 const BATCH: usize = 4096;
@@ -32,18 +35,18 @@ enum Column {
 impl Column {
     fn of(name: &[u8]) -> Self {
         match name.to_ascii_lowercase().as_slice() {
-            b"time" | b"timestamp" => Self::Time,
-            b"bus" | b"channel" => Self::Bus,
+            b"time" | b"timestamp" | b"timestampepoch" => Self::Time,
+            b"bus" | b"channel" | b"buschannel" => Self::Bus,
             b"id" | b"arbitration_id" => Self::Id,
-            b"ext" | b"extended" => Self::Flag(CanFlags::EXTENDED),
+            b"ext" | b"extended" | b"ide" => Self::Flag(CanFlags::EXTENDED),
             b"rtr" | b"remote" => Self::Flag(CanFlags::REMOTE),
             b"error" => Self::Flag(CanFlags::ERROR),
-            b"fd" => Self::Flag(CanFlags::FD),
+            b"fd" | b"edl" => Self::Flag(CanFlags::FD),
             b"brs" => Self::Flag(CanFlags::BRS),
             b"esi" => Self::Flag(CanFlags::ESI),
             b"dir" | b"direction" => Self::Direction,
             b"dlc" => Self::Dlc,
-            b"data" | b"data_hex" => Self::Hex,
+            b"data" | b"data_hex" | b"databytes" => Self::Hex,
             _ => Self::Unknown,
         }
     }
@@ -171,8 +174,8 @@ fn row(
                 _ => return Err(wrong("flag (0 or 1)")),
             },
             Column::Direction => match field.to_ascii_lowercase().as_slice() {
-                b"tx" => flags |= CanFlags::TX,
-                b"rx" | b"" => {}
+                b"tx" | b"1" => flags |= CanFlags::TX,
+                b"rx" | b"0" | b"" => {}
                 _ => return Err(wrong("direction (rx or tx)")),
             },
             Column::Dlc if field.is_empty() => {}
@@ -211,68 +214,10 @@ fn row(
     Ok(LogFrame { bus, frame: Stamped { time, value } })
 }
 
-fn moment(field: &[u8]) -> Option<Timestamp> {
-    if let Some(nanos) = seconds(field) {
-        return Some(Timestamp(nanos));
-    }
-    let text = str::from_utf8(field).ok()?;
-    // Python writes small and large numbers with an exponent.
-    if let Some((number, _)) =
-        text.split_once(['e', 'E']).filter(|(number, _)| !number.contains(':'))
-    {
-        let value: f64 = text.parse().ok().filter(|_| !number.is_empty())?;
-        #[allow(clippy::cast_possible_truncation, reason = "a float's cast stays in the range")]
-        return (value >= 0.0).then_some(Timestamp((value * 1e9) as u64));
-    }
-    crate::text::parse_moment(&text.replacen(' ', "T", 1), Timestamp(0)).ok()
-}
-
-fn unquoted(field: &[u8]) -> &[u8] {
-    let field = field.trim_ascii();
-    field.strip_prefix(b"\"").and_then(|rest| rest.strip_suffix(b"\"")).unwrap_or(field)
-}
-
-/// Pairs of digits, with or without blanks between them.
-fn hex_bytes(field: &[u8], data: &mut [u8]) -> Option<usize> {
-    let digits = field.strip_prefix(b"0x").unwrap_or(field);
-    let mut digits = digits.iter().copied().filter(|byte| *byte != b' ');
-    let mut length = 0;
-    while let Some(high) = digits.next() {
-        *data.get_mut(length)? = hex_pair(high, digits.next()?)?;
-        length += 1;
-    }
-    Some(length)
-}
-
-/// RFC 4648, section 4.
-fn base64(field: &[u8], data: &mut [u8]) -> Option<usize> {
-    let digits = field.trim_ascii_end();
-    let digits = digits.strip_suffix(b"==").or_else(|| digits.strip_suffix(b"=")).unwrap_or(digits);
-    let (mut bits, mut count, mut length) = (0u32, 0, 0);
-    for &digit in digits {
-        let value = match digit {
-            b'A'..=b'Z' => digit - b'A',
-            b'a'..=b'z' => digit - b'a' + 26,
-            b'0'..=b'9' => digit - b'0' + 52,
-            b'+' => 62,
-            b'/' => 63,
-            _ => return None,
-        };
-        bits = bits << 6 | u32::from(value);
-        count += 6;
-        if count >= 8 {
-            count -= 8;
-            *data.get_mut(length)? = (bits >> count).to_le_bytes()[0];
-            length += 1;
-            bits &= (1 << count) - 1;
-        }
-    }
-    Some(length)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::frame::Timestamp;
 
     fn read(text: &str) -> (Vec<LogFrame>, Skipped) {
         assert!(recognises(text.as_bytes()), "{text}");
@@ -301,19 +246,18 @@ mod tests {
     }
 
     #[test]
-    fn base64_is_read_as_it_is_written() {
-        let mut data = [0; CAN_MAX_DATA];
-        for (text, bytes) in [
-            ("", &b""[..]),
-            ("Zg==", b"f"),
-            ("Zm8=", b"fo"),
-            ("Zm9vYmFy", b"foobar"),
-            ("//8=", b"\xff\xff"),
-        ] {
-            assert_eq!(base64(text.as_bytes(), &mut data), Some(bytes.len()), "{text}");
-            assert_eq!(&data[..bytes.len()], bytes);
-        }
-        assert_eq!(base64(b"Zm9*", &mut data), None);
-        assert_eq!(base64("A".repeat(200).as_bytes(), &mut data), None);
+    fn the_csv_of_a_logger_is_read() {
+        let text = "TimestampEpoch;BusChannel;ID;IDE;DLC;DataLength;Dir;EDL;BRS;DataBytes\r\n\
+            1581670628.161550;1;123;0;4;4;0;0;0;12345678\r\n\
+            1581670628.212000;2;12345678;1;9;12;1;1;1;1234567890ABCDEF12345678\r\n";
+        let (frames, skipped) = read(text);
+        assert_eq!(skipped.count, 0);
+        let classic = CanFrame::new(0x123, CanFlags::default(), &[0x12, 0x34, 0x56, 0x78]);
+        assert_eq!(frames[0].frame.value, Frame::Can(classic));
+        assert_eq!(frames[0].frame.time, Timestamp(1_581_670_628_161_550_000));
+        let flags = CanFlags::EXTENDED | CanFlags::FD | CanFlags::BRS | CanFlags::TX;
+        let Frame::Can(fd) = &frames[1].frame.value else { panic!("{frames:?}") };
+        assert_eq!((fd.id, fd.flags, fd.data().len(), fd.dlc), (0x1234_5678, flags, 12, 0));
+        assert_eq!(frames[1].bus, 1);
     }
 }

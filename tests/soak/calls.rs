@@ -96,7 +96,7 @@ fn killed(job: &Job) -> Found {
     found.done = kills.len() as u64;
     for (kind, name) in KINDS.iter().enumerate() {
         let count = kills.iter().filter(|k| **k == kind).count();
-        let end = if count < each as usize { ", all there are in 8 s" } else { "" };
+        let end = if count < each as usize { ", all there are" } else { "" };
         found.number(&format!("kills in {name}"), format!("{count}{end}"));
     }
     found
@@ -142,7 +142,8 @@ fn killed_in(run: Run<'_>, kind: &str, call: u64) -> bool {
     let out = run.folder.join("out");
     std::fs::create_dir(&out).unwrap();
     let layout = ["frame", "batch"][(call % 2) as usize];
-    let split = if matches!(kind, "write" | "fdatasync") { "2s" } else { "250ms" };
+    let (split, time) =
+        if matches!(kind, "write" | "fdatasync") { ("2s", "16s") } else { ("250ms", "8s") };
     let inject = format!("inject={kind}:signal=SIGKILL:when={call}");
     let options = args(&[
         &"record",
@@ -158,7 +159,7 @@ fn killed_in(run: Run<'_>, kind: &str, call: u64) -> bool {
         &"--split-time",
         &split,
         &"--duration",
-        &"8s",
+        &time,
     ]);
     let running = injected(run.bustape, &[&format!("trace={kind}"), &inject], &[], options);
     let ran = running.wait();

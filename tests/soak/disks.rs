@@ -117,23 +117,20 @@ fn slow(run: &Run<'_>, inject: &str, queue: &str) -> (u64, u64, u64) {
     (run.number, dropped, grown)
 }
 
-/// All gaps are within the stall and a second behind it.
+/// The longest gap is the stall, and is over a second after it. (A busy disk may have made others.)
 fn placed(file: &Mcap, log: &Log) {
-    let (mut from, mut to) = (u64::MAX, 0);
+    let mut gaps = Vec::new();
     for (message, gap) in messages::decoded(file) {
         if file.topic(message) == "/line/gaps" {
             let gap = messages::as_python(&gap);
             assert_eq!(gap["reason"], RECORDER_QUEUE, "{gap}");
-            from = from.min(gap["from_ns"].as_u64().unwrap());
-            to = to.max(gap["to_ns"].as_u64().unwrap());
+            let [from, to] = ["from_ns", "to_ns"].map(|key| gap[key].as_u64().unwrap());
+            gaps.push(Duration::from_nanos(to - from));
         }
     }
-    let lasted = Duration::from_nanos(to.saturating_sub(from));
-    assert!(
-        lasted <= Duration::from_secs(11),
-        "dropped for {lasted:?} of {} writes",
-        log.writes.len()
-    );
+    let longest = gaps.iter().max().copied().unwrap_or_default();
+    let stalled = Duration::from_secs(5)..=Duration::from_secs(11);
+    assert!(stalled.contains(&longest), "{gaps:?} in {} writes", log.writes.len());
 }
 
 /// 64 MiB in a mount namespace of its own. `OPTIONS` are further options.

@@ -3,6 +3,8 @@
 //! Loss is a variant of [`Frame`], not a log line: a [`Gap`] travels the same way as the frames
 //! around it and ends up in the file between them.
 
+pub mod error;
+
 use std::fmt;
 
 /// Nanoseconds since 1970-01-01T00:00:00Z on the recording's steady timeline.
@@ -215,6 +217,8 @@ pub enum GapReason {
     Adapter,
     /// Writing to the disk failed.
     Disk,
+    /// It had left the memory for what comes before a trigger when a window wanted it.
+    WindowMemory,
 }
 
 /// Something that existed on the bus but is not in the recording.

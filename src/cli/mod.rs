@@ -122,6 +122,16 @@ PROTOCOL:
   FILE.toml                        a protocol of docs/protocols.md or docs/protocols-serial.md;
                                    settings behind a colon: zhongheng-09:byte_order=little";
 
+/// What `bustape record` does about buses that are not there.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Missing {
+    /// End with an error, before anything is recorded
+    #[default]
+    Fail,
+    /// Record the others, and this one as soon as it is there; until then it has a gap
+    Wait,
+}
+
 /// Options of `bustape record`.
 #[derive(Debug, Args)]
 #[command(after_help = ADDRESSES)]
@@ -217,6 +227,20 @@ pub struct RecordArgs {
     /// Memory for frames that wait for the disk; what does not fit is dropped and counted
     #[arg(long, value_name = "SIZE", default_value = "16MiB", value_parser = parse_queue)]
     pub queue: u64,
+
+    /// Keep nothing but the windows that [[trigger]]s with "before" or "after" ask for, in the folder
+    /// windows of DIR (docs/triggers.md)
+    #[arg(long, conflicts_with = "output")]
+    pub windows_only: bool,
+
+    /// Memory for what has to be there before a trigger fires, 256KiB to 4GiB; a CAN frame takes some
+    /// 25 bytes, and what does not fit is missing in the window, which says so
+    #[arg(long, value_name = "SIZE", default_value = "32MiB", value_parser = parse_window_memory)]
+    pub window_memory: u64,
+
+    /// What to do when a bus cannot be opened at the start
+    #[arg(long, value_name = "WHAT", value_enum, default_value_t)]
+    pub missing: Missing,
 
     /// CAN: receive buffer of each socket in the kernel
     #[arg(long, value_name = "SIZE", default_value = "4MiB", value_parser = parse_receive_buffer)]
@@ -473,6 +497,14 @@ fn parse_queue(text: &str) -> Result<u64, String> {
     let size = parse_size(text)?;
     if size < 1 << 10 {
         return Err(format!("{text} is too small; the least is 1KiB"));
+    }
+    Ok(size)
+}
+
+fn parse_window_memory(text: &str) -> Result<u64, String> {
+    let size = parse_size(text)?;
+    if !(256 << 10..=4 << 30).contains(&size) {
+        return Err(format!("{text} is not between 256KiB and 4GiB"));
     }
     Ok(size)
 }

@@ -16,7 +16,7 @@ const WAKE_BYTES: usize = 256 << 10;
 pub type BusIndex = u16;
 
 /// One thing on its way to the writer.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Item {
     /// Which bus it happened on.
     pub bus: BusIndex,
@@ -111,7 +111,8 @@ fn cost(item: &Item) -> usize {
     size_of::<Item>() + heap(&item.frame.value)
 }
 
-fn heap(frame: &Frame) -> usize {
+/// Bytes of memory that a frame takes elsewhere.
+pub(super) fn heap(frame: &Frame) -> usize {
     match frame {
         Frame::Can(_) | Frame::Gap(_) => 0,
         Frame::Serial(bytes) => bytes.data.capacity() + bytes.errors.capacity() * 8,

@@ -14,6 +14,7 @@ use super::event::Event;
 use super::limits::MAX_CHUNK_FRAMES;
 use super::schema::{self, Schema, bustape};
 use super::{can_frame, message, wire};
+use crate::frame::error::CanError;
 use crate::frame::{CanFrame, Frame, Gap, Notice, SerialBytes, Stamped, Timestamp};
 use crate::record::weight;
 
@@ -106,6 +107,7 @@ struct Bus {
     raw: Option<u16>,
     gaps: Option<u16>,
     stats: Option<u16>,
+    errors: Option<u16>,
     batch: BatchBuilder,
     /// Frames in batches of the open chunk.
     batched: usize,
@@ -209,6 +211,15 @@ impl SegmentWriter {
         let channel = self.bus_channel(bus, known, "gaps", schema::GAP)?;
         self.buses[bus].gaps = Some(channel);
         self.add_message(channel, time, &message::gap(gap));
+        Ok(())
+    }
+
+    /// Adds what an error frame says, beside the frame itself.
+    pub fn add_error(&mut self, bus: usize, time: Timestamp, error: &CanError) -> io::Result<()> {
+        let known = self.buses[bus].errors;
+        let channel = self.bus_channel(bus, known, "errors", schema::CAN_ERROR)?;
+        self.buses[bus].errors = Some(channel);
+        self.add_message(channel, time, &message::can_error(error));
         Ok(())
     }
 
@@ -431,6 +442,7 @@ impl Bus {
             raw: None,
             gaps: None,
             stats: None,
+            errors: None,
             batch: BatchBuilder::new(batch_frames),
             batched: 0,
             pending: 0,

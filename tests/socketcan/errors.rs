@@ -76,7 +76,7 @@ fn bus_off() -> Result<(), Failed> {
             fired.display()
         ),
     )?;
-    let mut child = std::process::Command::new(crate::lab::BUSTAPE)
+    let child = std::process::Command::new(crate::lab::BUSTAPE)
         .args(["record", "--config"])
         .arg(&config)
         .stderr(std::process::Stdio::piped())

@@ -7,6 +7,8 @@
 
 mod memory;
 mod packed;
+#[cfg(test)]
+mod tests;
 mod window;
 
 use crate::channels::{Definition, Stream};
@@ -55,6 +57,8 @@ pub struct Windows {
     latest: Timestamp,
     /// Everything before this has been taken.
     passed: Timestamp,
+    /// What was before this is in an earlier window.
+    floor: Timestamp,
     /// Windows that could not be written, in a row.
     failures: u32,
     incomplete: bool,
@@ -81,6 +85,7 @@ impl Windows {
             up_to_date: true,
             latest: Timestamp(0),
             passed: Timestamp(0),
+            floor: Timestamp(0),
             failures: 0,
             incomplete: false,
             error: None,
@@ -110,12 +115,12 @@ impl Windows {
 
     /// A trigger has fired.
     pub fn want(&mut self, fired: Fired, session: &mut Session) {
-        let (from, to) = reach(&fired);
+        let (from, to) = reach(&fired, self.floor);
         if self.open.as_ref().is_some_and(|open| from > open.span.to) {
             self.close("window", session);
         }
         let Some(open) = &mut self.open else {
-            return self.begin(Span::of(fired), session);
+            return self.begin(Span::of(fired, self.floor), session);
         };
         let earlier = from < open.span.from;
         if to > open.span.to
@@ -128,7 +133,7 @@ impl Windows {
             return self.begin_earlier(&fired, session);
         }
         let begun = open.span.from;
-        open.span.join(&fired);
+        open.span.join(&fired, self.floor);
         if earlier {
             // What is in the file already is not in the memory any more.
             open.span.from = begun;
@@ -167,7 +172,7 @@ impl Windows {
         let from = old.span.from;
         let mut span = old.discard(&mut self.segments, session);
         self.memory.unmark(from);
-        span.join(fired);
+        span.join(fired, self.floor);
         self.begin(span, session);
     }
 
@@ -256,6 +261,7 @@ impl Windows {
     fn end(&mut self, reason: &str, session: &mut Session) {
         let Some(mut open) = self.open.take() else { return };
         open.span.to = open.span.to.min(self.latest);
+        self.floor = open.span.to.plus(1);
         match open.finish(reason, &mut self.segments, session) {
             Ok(Finished { path, span, incomplete }) => {
                 self.incomplete |= incomplete;

@@ -36,16 +36,16 @@ pub struct Span {
 }
 
 impl Span {
-    /// The window around `fired`.
-    pub fn of(fired: Fired) -> Self {
-        let (from, to) = reach(&fired);
+    /// The window around `fired`, as far as it is behind `floor`.
+    pub fn of(fired: Fired, floor: Timestamp) -> Self {
+        let (from, to) = reach(&fired, floor);
         let names = vec![fired.name.clone()];
         Self { from, to, first: fired, firings: 1, names }
     }
 
     /// Takes another firing into it.
-    pub fn join(&mut self, fired: &Fired) {
-        let (from, to) = reach(fired);
+    pub fn join(&mut self, fired: &Fired, floor: Timestamp) {
+        let (from, to) = reach(fired, floor);
         self.from = self.from.min(from);
         self.to = self.to.max(to);
         self.firings += 1;
@@ -105,11 +105,11 @@ impl Span {
     }
 }
 
-/// From when to when a firing's window goes.
-pub fn reach(fired: &Fired) -> (Timestamp, Timestamp) {
+/// From when to when a firing's window goes, as far as it is behind `floor`.
+pub fn reach(fired: &Fired, floor: Timestamp) -> (Timestamp, Timestamp) {
     let Reach { before, after } = fired.window.unwrap_or_default();
     let from = Timestamp(fired.time.nanos().saturating_sub(before));
-    (from, fired.time.plus(after))
+    (from.max(floor), fired.time.plus(after))
 }
 
 /// A window being written.

@@ -6,7 +6,7 @@ use tokio::time::{Instant, sleep};
 
 use super::{BusFacts, CaptureError, Running, Source, Stop};
 use crate::frame::{GapReason, Level, Unit};
-use crate::record::Inlet;
+use crate::queue::Inlet;
 
 /// How often it is looked for.
 const LOOK: Duration = Duration::from_millis(250);

@@ -32,9 +32,10 @@ use crate::channels::Stream;
 use crate::cli::{Missing, RecordArgs};
 use crate::clock::Timeline;
 use crate::frame::{Level, Unit};
+use crate::queue::{Allowance, BusIndex, Inlet, Queue, Tally};
 use crate::record::{
-    Allowance, BusIndex, Inlet, Keeping, LEAST_FREE, Open, Outcome, Progress, Queue, RecordedBus,
-    Recorder, Segments, Session, Tally, Tape, Windows,
+    Keeping, LEAST_FREE, Open, Outcome, Progress, RecordedBus, Recorder, Segments, Session, Tape,
+    Windows,
 };
 use crate::recording::disk::RealDisk;
 use crate::sys::SystemClock;

@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use super::tally::{Controller, REASONS, Tally, Totals, reason_name, unit_name};
 use crate::capture::BusFacts;
 use crate::channels::Stream;
 use crate::frame::error::BusState;
 use crate::frame::{GapReason, Unit};
+use crate::queue::{Controller, Tally, Totals};
 use crate::recording::definition::Facts;
 use crate::recording::schema::bustape::{BusStats, bus_stats};
 
@@ -82,7 +82,7 @@ pub struct Account<'a> {
 pub fn summary<'a>(reason: &str, accounts: impl Iterator<Item = Account<'a>>) -> Facts {
     let mut facts = Facts::from([("reason".to_owned(), reason.to_owned())]);
     for Account { bus, totals, in_segment, stream } in accounts {
-        let unit = unit_name(bus.facts.unit.unwrap_or(Unit::Frames));
+        let unit = bus.facts.unit.unwrap_or(Unit::Frames).name();
         let mut put = |key: &str, value: String| {
             facts.insert(format!("{}.{key}", bus.name), value);
         };
@@ -95,9 +95,9 @@ pub fn summary<'a>(reason: &str, accounts: impl Iterator<Item = Account<'a>>) ->
         if totals.outside > 0 {
             put("outside", totals.outside.to_string());
         }
-        for reason in REASONS {
+        for reason in GapReason::ALL {
             if totals.lost_to(reason) > 0 {
-                let key = format!("dropped.{}", reason_name(reason));
+                let key = format!("dropped.{}", reason.name());
                 put(&key, totals.lost_to(reason).to_string());
             }
         }

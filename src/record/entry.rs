@@ -2,9 +2,9 @@
 
 use std::io;
 
-use super::queue::{Item, heap};
 use crate::frame::error::CanError;
 use crate::frame::{Frame, Notice, Timestamp};
+use crate::queue::{Item, heap};
 use crate::recording::event::Event;
 use crate::recording::schema::bustape::{BusStats, ClockSync};
 use crate::recording::writer::SegmentWriter;

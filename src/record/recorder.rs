@@ -8,15 +8,14 @@ use std::time::Duration;
 
 use super::alarm::Alarm;
 use super::entry::Entry;
-use super::queue::{Item, Queue};
 use super::segments::SegmentError;
 use super::session::Session;
-use super::tally::Totals;
 use super::tape::{Ended, Tape};
 use super::windows::Windows;
 use crate::channels::Stream;
 use crate::clock::Step;
 use crate::frame::{Frame, Level, Notice, Timestamp};
+use crate::queue::{Item, Queue, Totals};
 use crate::recording::schema::bustape::ClockSync;
 use crate::trigger::{Fired, Triggers};
 

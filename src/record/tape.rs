@@ -3,7 +3,6 @@
 use super::bus::{Account, summary};
 use super::decoders::Decoders;
 use super::entry::Entry;
-use super::queue::weight;
 use super::segments::{Segment, SegmentError, Segments, write_error};
 use super::session::Session;
 use crate::channels::Stream;
@@ -95,7 +94,7 @@ impl Tape {
     fn add(&mut self, entry: &Entry, session: &mut Session) {
         let Some(Segment { writer, .. }) = &mut self.segment else {
             if let Entry::Frame(item) = entry {
-                let lost = weight(&item.frame.value);
+                let lost = item.frame.value.weight();
                 session.buses[usize::from(item.bus)].tally.dropped(GapReason::Disk, lost);
             }
             return;

@@ -16,7 +16,6 @@ use super::schema::{self, Schema, bustape};
 use super::{can_frame, message, wire};
 use crate::frame::error::CanError;
 use crate::frame::{CanFrame, Frame, Gap, Notice, SerialBytes, Stamped, Timestamp};
-use crate::record::weight;
 
 pub use super::options::{Head, Layout, WriterOptions};
 
@@ -108,8 +107,8 @@ impl SegmentWriter {
                 self.add_notice(frame.time, &name, notice)
             }
         }?;
-        self.buses[bus].pending += weight(&frame.value);
-        self.frames |= weight(&frame.value) > 0;
+        self.buses[bus].pending += frame.value.weight();
+        self.frames |= frame.value.weight() > 0;
         Ok(())
     }
 

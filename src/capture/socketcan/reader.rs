@@ -5,7 +5,7 @@ use super::message::{Stamps, decode};
 use crate::clock::Stamper;
 use crate::frame::error::{BusState, CanError};
 use crate::frame::{CanFlags, Frame, GapReason, Level, Stamped, Timestamp};
-use crate::record::{Controller, Inlet};
+use crate::queue::{Controller, Inlet};
 use crate::sys::RawMessage;
 
 const SECOND: u64 = 1_000_000_000;

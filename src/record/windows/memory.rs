@@ -9,7 +9,6 @@ use std::collections::VecDeque;
 use super::packed::{self, Unpacked};
 use crate::frame::Timestamp;
 use crate::record::entry::Entry;
-use crate::record::queue::weight;
 
 /// Bytes of a block: what is given up at a time where there is not enough room.
 const BLOCK: usize = 16 << 10;
@@ -107,7 +106,7 @@ impl Memory {
         if let Entry::Frame(item) = &found.entry
             && let Some((_, of_bus)) = block.counts.get_mut(usize::from(item.bus))
         {
-            let weight = weight(&item.frame.value);
+            let weight = item.frame.value.weight();
             *of_bus = if kept { *of_bus + weight } else { of_bus.saturating_sub(weight) };
         }
     }
@@ -239,7 +238,7 @@ impl Block {
         if let Entry::Frame(item) = entry
             && let Some((count, _)) = self.counts.get_mut(usize::from(item.bus))
         {
-            *count += weight(&item.frame.value);
+            *count += item.frame.value.weight();
         }
         let time = entry.time();
         self.span = (self.span.0.min(time), self.span.1.max(time));

@@ -1,8 +1,8 @@
 //! Entries as bytes, little endian: a tag, then what the tag says. Nothing of this leaves the process.
 
 use crate::frame::{CanFlags, CanFrame, Direction, Frame, SerialBytes, Stamped, Timestamp};
+use crate::queue::{BusIndex, Item};
 use crate::record::entry::Entry;
-use crate::record::queue::{BusIndex, Item};
 
 /// Set in the tag of what is in a window already.
 const MARKED: u8 = 0x80;

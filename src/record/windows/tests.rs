@@ -14,11 +14,12 @@ use crate::frame::{
     CanFlags, CanFrame, Direction, Frame, Level, LineError, LineErrorKind, Notice, SerialBytes,
     Stamped, Timestamp, Unit,
 };
+use crate::queue::Item;
+use crate::queue::Tally;
 use crate::record::entry::Entry;
-use crate::record::queue::Item;
 use crate::record::recorder::Outcome;
 use crate::record::session::Session;
-use crate::record::{Pace, Progress, RecordedBus, Segments, Split, Tally, Target};
+use crate::record::{Pace, Progress, RecordedBus, Segments, Split, Target};
 use crate::recording::definition::Facts;
 use crate::recording::disk::RealDisk;
 use crate::recording::reader::{Entry as Read, Recording};
@@ -221,7 +222,7 @@ proptest! {
 
 fn weight(entry: &Entry) -> u64 {
     match entry {
-        Entry::Frame(item) => crate::record::weight(&item.frame.value),
+        Entry::Frame(item) => item.frame.value.weight(),
         _ => 0,
     }
 }

@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 
 use crate::channels::Stream;
 use crate::frame::{Frame, Gap, GapReason, Stamped, Timestamp, Unit};
+use crate::queue::Totals;
 use crate::record::bus::{Account, summary};
 use crate::record::decoders::Decoders;
 use crate::record::entry::Entry;
 use crate::record::segments::{Segment, SegmentError, Segments, write_error};
 use crate::record::session::Session;
-use crate::record::tally::Totals;
 use crate::recording::definition::Facts;
 use crate::trigger::{Fired, Window as Reach};
 

@@ -4,9 +4,8 @@
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
 
-use super::queue::weight;
 use crate::frame::error::BusState;
-use crate::frame::{Frame, GapReason, Unit};
+use crate::frame::{Frame, GapReason};
 
 /// Counters of one bus. CAN counts frames, serial counts bytes.
 ///
@@ -16,7 +15,7 @@ use crate::frame::{Frame, GapReason, Unit};
 pub struct Tally {
     received: AtomicU64,
     written: AtomicU64,
-    dropped: [AtomicU64; REASONS.len()],
+    dropped: [AtomicU64; GapReason::ALL.len()],
     outside: AtomicU64,
     /// Gaps of which nobody knows how much they cost.
     outages: AtomicU64,
@@ -34,17 +33,6 @@ pub struct Controller {
     pub errors: Option<(u32, u32)>,
 }
 
-/// Every reason for which something can be counted as dropped, in the order of the counters.
-pub const REASONS: [GapReason; 7] = [
-    GapReason::KernelQueue,
-    GapReason::RecorderQueue,
-    GapReason::LinkDown,
-    GapReason::Overrun,
-    GapReason::Adapter,
-    GapReason::Disk,
-    GapReason::WindowMemory,
-];
-
 /// A [`Tally`] at one moment.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Totals {
@@ -52,8 +40,8 @@ pub struct Totals {
     pub received: u64,
     /// What is in the file.
     pub written: u64,
-    /// What is not, by reason, in the order of [`REASONS`].
-    pub dropped: [u64; REASONS.len()],
+    /// What is not, by reason, in the order of [`GapReason::ALL`].
+    pub dropped: [u64; GapReason::ALL.len()],
     /// What no window wanted, where only windows are kept.
     pub outside: u64,
     /// Gaps of unknown size: the link was away.
@@ -158,7 +146,7 @@ impl Totals {
             self.received += gap.count;
             self.dropped[index(gap.reason)] += gap.count;
         }
-        self.received += weight(frame);
+        self.received += frame.weight();
     }
 
     /// Enters `count` that were received and lost.
@@ -167,35 +155,7 @@ impl Totals {
     }
 }
 
-/// The unit in words.
-pub fn unit_name(unit: Unit) -> &'static str {
-    match unit {
-        Unit::Frames => "frames",
-        Unit::Bytes => "bytes",
-    }
-}
-
+/// The place of a reason's counter: that of its declaration, which is that in [`GapReason::ALL`].
 fn index(reason: GapReason) -> usize {
-    match reason {
-        GapReason::KernelQueue => 0,
-        GapReason::RecorderQueue => 1,
-        GapReason::LinkDown => 2,
-        GapReason::Overrun => 3,
-        GapReason::Adapter => 4,
-        GapReason::Disk => 5,
-        GapReason::WindowMemory => 6,
-    }
-}
-
-/// The reason as it is called in metadata and tables.
-pub fn reason_name(reason: GapReason) -> &'static str {
-    match reason {
-        GapReason::KernelQueue => "kernel_queue",
-        GapReason::RecorderQueue => "recorder_queue",
-        GapReason::LinkDown => "link_down",
-        GapReason::Overrun => "overrun",
-        GapReason::Adapter => "adapter",
-        GapReason::Disk => "disk",
-        GapReason::WindowMemory => "window_memory",
-    }
+    reason as usize
 }

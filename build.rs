@@ -7,9 +7,10 @@ use std::path::PathBuf;
 use protox::prost::Message as _;
 
 /// The messages that have a channel, and the file that defines each.
-const ROOTS: [(&str, &str); 9] = [
+const ROOTS: [(&str, &str); 10] = [
     ("bustape.CanFrame", "bustape/can_frame.proto"),
     ("bustape.CanBatch", "bustape/can_batch.proto"),
+    ("bustape.CanError", "bustape/can_error.proto"),
     ("bustape.SerialBytes", "bustape/serial_bytes.proto"),
     ("bustape.SerialFrame", "bustape/serial_frame.proto"),
     ("bustape.Gap", "bustape/gap.proto"),

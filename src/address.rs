@@ -1,9 +1,11 @@
 //! Addresses of buses, as written on the command line: `[NAME=]ADDRESS`.
 
+use crate::capture::awaited::{Awaited, Opener};
 use crate::capture::serial::SerialAddress;
 use crate::capture::slcan::{Slcan, SlcanAddress};
 use crate::capture::socketcan::{CanOptions, CanSettings, SocketCan};
 use crate::capture::{CaptureError, Source};
+use crate::frame::Unit;
 use crate::simulate::faults::Rates;
 use crate::simulate::hmi_can::fault::{self as bus_fault, BusFaults};
 use crate::simulate::rectifier_line::SimulatedRectifier;
@@ -56,6 +58,29 @@ impl BusSpec {
         };
         check_name(&name).map_err(wrong)?;
         Ok(Self { name, text: rest.to_owned(), address })
+    }
+
+    /// Opens the bus, or waits for it as long as it cannot be opened.
+    pub fn open_or_wait(&self, can: &CanOptions) -> Box<dyn Source> {
+        let why = match self.open(can) {
+            Ok(source) => return source,
+            Err(why) => why,
+        };
+        let unit = match &self.address {
+            Address::Can(_) | Address::Slcan(_) | Address::SimulatedStation(..) => Unit::Frames,
+            Address::Serial(_) | Address::SimulatedRectifier(..) => Unit::Bytes,
+        };
+        let (spec, address, can) = (self.clone(), self.address.clone(), can.clone());
+        let is_there = move || match &address {
+            Address::Slcan(adapter) => adapter.path.exists(),
+            Address::Serial(serial) => serial.is_there(),
+            Address::Can(_) | Address::SimulatedStation(..) | Address::SimulatedRectifier(..) => {
+                true
+            }
+        };
+        let open = move || spec.open(&can);
+        let opener = Opener { is_there: Box::new(is_there), open: Box::new(open) };
+        Box::new(Awaited::new(opener, unit, why))
     }
 
     /// Opens the bus.

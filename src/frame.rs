@@ -3,6 +3,8 @@
 //! Loss is a variant of [`Frame`], not a log line: a [`Gap`] travels the same way as the frames
 //! around it and ends up in the file between them.
 
+pub mod error;
+
 use std::fmt;
 
 /// Nanoseconds since 1970-01-01T00:00:00Z on the recording's steady timeline.
@@ -244,17 +246,20 @@ pub enum GapReason {
     Adapter,
     /// Writing to the disk failed.
     Disk,
+    /// It had left the memory for what comes before a trigger when a window wanted it.
+    WindowMemory,
 }
 
 impl GapReason {
     /// Every reason for which something can be counted as dropped.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::KernelQueue,
         Self::RecorderQueue,
         Self::LinkDown,
         Self::Overrun,
         Self::Adapter,
         Self::Disk,
+        Self::WindowMemory,
     ];
 
     /// The reason as it is called in metadata and tables.
@@ -266,6 +271,7 @@ impl GapReason {
             Self::Overrun => "overrun",
             Self::Adapter => "adapter",
             Self::Disk => "disk",
+            Self::WindowMemory => "window_memory",
         }
     }
 }

@@ -4,6 +4,7 @@
 //! behind, and runs until it is told to stop. It looks after itself: when its link goes away it
 //! records a gap, waits, and goes on when the link is back. Capture never touches the disk.
 
+pub mod awaited;
 pub mod serial;
 pub mod slcan;
 pub mod socketcan;
@@ -55,7 +56,7 @@ impl Stop {
 pub type Running<'a> = Pin<Box<dyn Future<Output = Result<(), CaptureError>> + 'a>>;
 
 /// Something frames come from. Opened, but not yet read.
-pub trait Source {
+pub trait Source: Send {
     /// What is known of the bus.
     fn facts(&self) -> BusFacts;
 

@@ -19,7 +19,7 @@ use crate::decode::j1939::Identifier;
 use crate::frame::{CanFlags, CanFrame, Frame, Notice, Stamped, Timestamp};
 
 /// Names of our own channels of a bus, which no message may take.
-const OURS: [&str; 4] = ["raw", "gaps", "stats", "frames"];
+const OURS: [&str; 5] = ["raw", "gaps", "stats", "frames", "errors"];
 
 /// A CAN protocol, with the state of one bus.
 pub struct CanChannels {

@@ -12,9 +12,10 @@ but a machine that started without a clock has put all of them in the wrong year
 both clocks once a second and at each step of the wall clock. All times are moved by one offset for
 each run of the machine (boot): by default to what the wall clock said at the last; so the recordings
 of a boot that ended before the clock was set are moved by what a later one of the same boot knew.
+Windows around triggers belong to their boot too: give DIR and DIR/windows together.
 Nothing but times changes. The originals stay as they are.")]
 #[command(group(clap::ArgGroup::new("target").required(true).args(["output", "dir", "dry_run"])))]
-#[command(group(clap::ArgGroup::new("by").args(["offset", "from_clock"])))]
+#[command(group(clap::ArgGroup::new("by").args(["offset", "from_clock", "per_file"])))]
 pub struct RetimeArgs {
     /// Files, or a folder; give all segments of a boot at once
     #[arg(required = true, value_name = "FILE")]
@@ -39,6 +40,12 @@ pub struct RetimeArgs {
     /// By what the recorded wall clock said at the last, which is the default
     #[arg(long)]
     pub from_clock: bool,
+
+    /// Move each file to what the wall clock said at its own end, or next where it had not been set by
+    /// then: for months in which the clock went wrong and was set again and again. Within a file
+    /// intervals stay true; between files there are the steps that the clock made
+    #[arg(long)]
+    pub per_file: bool,
 
     /// Print one JSON object
     #[arg(long)]

@@ -40,7 +40,11 @@ pub struct Configured {
 impl Configured {
     /// As a configuration file, with what each option means.
     pub fn explained(&self) -> Result<String> {
-        Ok(print::explained(&record(), &self.matches) + &print::triggers(&self.triggers)?)
+        let triggers = match &self.triggers[..] {
+            [] => print::NO_TRIGGERS.to_owned(),
+            triggers => print::triggers(triggers)?,
+        };
+        Ok(print::explained(&record(), &self.matches) + &triggers)
     }
 
     /// As a configuration file, to be attached to each segment.
@@ -81,7 +85,10 @@ pub fn configured(typed: &RecordArgs, matches: &ArgMatches) -> Result<Configured
     else {
         bail!("the options of record are missing");
     };
-    complete(&args)?;
+    // Without a bus, what is printed is a template.
+    if !args.print_config || !args.buses.is_empty() {
+        complete(&args)?;
+    }
     Ok(Configured { args: *args, triggers, matches: matches.clone() })
 }
 
@@ -140,7 +147,7 @@ fn is_overruled(setting: &Setting, record: &Command, matches: &ArgMatches) -> bo
     let Some((_, arg)) = keys(record).find(|(key, _)| *key == setting.key) else { return true };
     // What is decoded belongs to the buses.
     let buses = keys(record).any(|(key, arg)| key == "bus" && typed(arg));
-    if typed(arg) || setting.key == "decode" && buses {
+    if typed(arg) || buses && matches!(setting.key.as_str(), "decode" | "windows-only") {
         return true;
     }
     let mut others = keys(record).map(|(_, other)| other).filter(|other| typed(other));

@@ -8,17 +8,16 @@ use serde_json::json;
 
 use super::{UsageError, explain, protocols};
 use crate::channels::{Definition, Meaning, Stream};
-use crate::decode::definition::CanDefinition;
 use crate::recording::definition::{Attachment, Facts};
 use crate::text::grouped;
-use crate::trigger::Triggers;
+use crate::trigger::{Known, Triggers};
 
 /// The decoded channels that were asked for.
 pub struct Definitions {
     /// For each bus, in its order.
     pub streams: Vec<Option<Stream>>,
-    /// For each bus: the messages and signals that conditions can name.
-    pub can: Vec<Option<Arc<CanDefinition>>>,
+    /// For each bus: what it is decoded with.
+    pub known: Vec<Option<Definition>>,
     /// What is waited for.
     pub triggers: Option<Triggers>,
     /// The definitions, each once.
@@ -27,13 +26,26 @@ pub struct Definitions {
     pub incomplete: bool,
 }
 
+impl Definitions {
+    /// For each bus: what conditions can name.
+    pub fn nameable(&self, buses: &[String]) -> Vec<(String, Option<Known>)> {
+        let known = self.known.iter().map(|known| {
+            known.as_ref().map(|definition| match &definition.meaning {
+                Meaning::Can(can) => Known::Can(can.clone()),
+                Meaning::Serial(protocol) => Known::Serial(protocol.clone()),
+            })
+        });
+        buses.iter().cloned().zip(known).collect()
+    }
+}
+
 /// Loads what `texts` name for `buses`. `attached` are files that the recording has already and
 /// that other buses need.
 pub fn load(texts: &[String], buses: &[String], attached: Vec<Attachment>) -> Result<Definitions> {
     let streams = buses.iter().map(|_| None).collect();
-    let can = vec![None; buses.len()];
-    let mut all =
-        Definitions { streams, can, triggers: None, attachments: attached, incomplete: false };
+    let known = vec![None; buses.len()];
+    let (triggers, attachments, incomplete) = (None, attached, false);
+    let mut all = Definitions { streams, known, triggers, attachments, incomplete };
     for text in texts {
         let Some((bus, protocol)) = text.split_once('=') else {
             bail!(UsageError(format!("--decode {text}: give BUS=PROTOCOL, as in can0=car.dbc")));
@@ -52,10 +64,8 @@ pub fn load(texts: &[String], buses: &[String], attached: Vec<Attachment>) -> Re
         for attachment in &mut definition.attachments {
             attach(attachment, bus, &mut all.attachments);
         }
-        if let Meaning::Can(definition) = &definition.meaning {
-            all.can[index] = Some(definition.clone());
-        }
-        all.streams[index] = Some(Stream::new(bus, definition));
+        all.streams[index] = Some(Stream::new(bus, definition.clone()));
+        all.known[index] = Some(definition);
     }
     Ok(all)
 }
@@ -66,7 +76,7 @@ fn definition(text: &str) -> Result<(Definition, bool)> {
         let name = format!("{}.toml", serial.protocol.name);
         let attachment = attachment(serial.file.as_deref().unwrap_or(&name), serial.text.into());
         let protocol = with_settings(&serial.file.unwrap_or(serial.protocol.name.clone()), text);
-        let meaning = Meaning::Serial(Box::new(serial.protocol));
+        let meaning = Meaning::Serial(Arc::new(serial.protocol));
         return Ok((Definition { protocol, attachments: vec![attachment], meaning }, true));
     }
     let can = protocols::named(text)?;

@@ -62,6 +62,8 @@ fn plan(args: &DemoArgs) -> Plan {
         writer: WriterOptions { layout: args.layout, ..WriterOptions::default() },
         pace: Pace::default(),
         queue: 16 << 20,
+        window_memory: 0,
+        windows_only: false,
         duration: Some(args.duration),
         count: None,
         configuration: None,

@@ -16,7 +16,8 @@ use super::export::input::Progress;
 use super::interrupt::Interrupt;
 use super::{Ended, UsageError, output};
 use crate::cli::import::ImportArgs;
-use crate::frame::Timestamp;
+use crate::frame::error::CanError;
+use crate::frame::{Frame, Timestamp};
 use crate::import::expand::Compression;
 use crate::import::format::{self, Format};
 use crate::import::merge::{Merge, MergeError};
@@ -121,7 +122,7 @@ fn import(
     // The head tells when the recording begins.
     merge.next(&mut frames).map_err(|error| failed(logs, error))?;
     let first = frames.first().map(|frame| frame.frame.time).unwrap_or_default();
-    let mut out = segments.open(first, &head(logs, first))?;
+    let mut out = segments.open(first, &head(logs, first), "")?;
     let mut books = Books::default();
     let copied = copy(logs, &mut merge, frames, &mut out, &mut books, interrupt);
     let finished = copied.and_then(|()| {
@@ -167,6 +168,11 @@ fn copy(
             latest = latest.max(frame.frame.time);
             since_cut += 1;
             out.writer.add(bus, &frame.frame).map_err(cannot_write)?;
+            if let Frame::Can(can) = &frame.frame.value
+                && let Some(error) = CanError::of(can)
+            {
+                out.writer.add_error(bus, frame.frame.time, &error).map_err(cannot_write)?;
+            }
             books.count(bus, &frame.frame.value);
             if out.writer.is_full() {
                 out.writer.cut().map_err(cannot_write)?;

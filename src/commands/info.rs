@@ -1,5 +1,7 @@
 //! `bustape info`: what is in a recording, told from its summary.
 
+mod errors;
+
 use std::collections::BTreeMap;
 use std::io::Write as _;
 
@@ -13,6 +15,10 @@ use crate::recording::reader::{Entry, Recording};
 use crate::recording::rewrite::RECOVERY;
 use crate::recording::segment::{Ending, Segment};
 use crate::text::{duration, grouped, printable_json, rfc3339, rfc3339_millis, size};
+use errors::Errors;
+
+/// Metadata of windows around triggers.
+const WINDOW: &str = "bustape.window";
 
 /// Gaps shown before the rest is only counted.
 const GAPS_SHOWN: usize = 10;
@@ -35,6 +41,8 @@ pub fn print(recording: &Recording) -> Result<()> {
     print_buses(&mut out, recording)?;
     print_decoded(&mut out, recording)?;
     print_topics(&mut out, recording)?;
+    print_windows(&mut out, recording)?;
+    Errors::of(recording).print(&mut out)?;
     print_gaps(&mut out, recording)?;
     print_attachments(&mut out, recording)?;
     out.flush()?;
@@ -117,7 +125,8 @@ fn print_decoded(out: &mut impl std::io::Write, recording: &Recording) -> Result
 struct Bus {
     name: String,
     facts: BTreeMap<String, String>,
-    /// The books at the end of the last finished segment.
+    /// The books at the end of the last finished segment; of windows, which have books of their own,
+    /// all together.
     totals: BTreeMap<String, String>,
 }
 
@@ -125,17 +134,23 @@ impl Bus {
     fn of(recording: &Recording, name: &str) -> Self {
         let record = format!("bustape.bus.{name}");
         let facts = recording.segments.iter().find_map(|s| s.metadata.get(&record));
-        let summary =
-            recording.segments.iter().rev().find_map(|s| s.metadata.get("bustape.summary"));
         let prefix = format!("{name}.");
-        let totals = summary.into_iter().flatten().filter_map(|(key, value)| {
-            Some((key.strip_prefix(&prefix)?.to_owned(), value.clone()))
-        });
-        Self {
-            name: name.to_owned(),
-            facts: facts.cloned().unwrap_or_default(),
-            totals: totals.collect(),
+        let totals = |segment: &Segment| -> Option<BTreeMap<String, String>> {
+            let summary = segment.metadata.get("bustape.summary")?.iter();
+            let own = summary.filter_map(|(key, value)| {
+                Some((key.strip_prefix(&prefix)?.to_owned(), value.clone()))
+            });
+            Some(own.collect())
+        };
+        let is_window = |segment: &&Segment| segment.metadata.contains_key(WINDOW);
+        let mut sum = BTreeMap::new();
+        for window in recording.segments.iter().filter(is_window).filter_map(totals) {
+            add_up(&mut sum, window);
         }
+        let rest = recording.segments.iter().rev().filter(|segment| !is_window(segment));
+        let totals = rest.filter_map(totals).next().unwrap_or(sum);
+        let facts = facts.cloned().unwrap_or_default();
+        Self { name: name.to_owned(), facts, totals }
     }
 
     /// A count of the summary; an unfinished recording has none.
@@ -169,6 +184,40 @@ impl Bus {
             unit,
         ]
     }
+}
+
+/// Adds the books of one more window.
+fn add_up(sum: &mut BTreeMap<String, String>, window: BTreeMap<String, String>) {
+    for (key, value) in window {
+        let numbers = sum.get(&key).and_then(|old| old.parse::<u64>().ok()).zip(value.parse().ok());
+        let value = numbers.map_or(value, |(old, new): (u64, u64)| (old + new).to_string());
+        sum.insert(key, value);
+    }
+}
+
+/// What windows around triggers are about.
+fn print_windows(out: &mut impl std::io::Write, recording: &Recording) -> Result<()> {
+    let rows = recording.segments.iter().filter_map(|segment| {
+        let fact = |key: &str| segment.fact(WINDOW, key).map(str::to_owned);
+        let of_summary = |key: &str| segment.fact("bustape.summary", key).map(str::to_owned);
+        let time = |text: String| Some(rfc3339_millis(Timestamp(text.parse().ok()?)));
+        let end = of_summary("window_to_ns").and_then(time).unwrap_or_else(|| "?".to_owned());
+        Some(vec![
+            fact("trigger")?,
+            fact("fired_ns").and_then(time)?,
+            of_summary("window_firings").unwrap_or_else(|| "?".to_owned()),
+            of_summary("window_from_ns").or(fact("from_ns")).and_then(time)?,
+            end,
+        ])
+    });
+    let rows: Vec<Vec<String>> = rows.collect();
+    if rows.is_empty() {
+        return Ok(());
+    }
+    output::heading(out, "Windows around triggers")?;
+    let head = ["trigger", "first fired", "firings", "from", "to"];
+    write!(out, "{}", output::table(&head, &[2], rows))?;
+    Ok(())
 }
 
 fn print_topics(out: &mut impl std::io::Write, recording: &Recording) -> Result<()> {
@@ -339,6 +388,7 @@ fn as_json(recording: &Recording) -> Value {
         "segments": segments.collect::<Vec<_>>(),
         "buses": buses.collect::<Vec<_>>(),
         "topics": topics.collect::<Vec<_>>(),
+        "errors": Errors::of(recording).json(),
         "gaps": gaps.collect::<Vec<_>>(),
         "attachments": attachments.collect::<Vec<_>>(),
         "start": recording.span().map(|s| rfc3339(s.0)),

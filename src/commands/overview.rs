@@ -67,8 +67,14 @@ fn print(out: &mut impl std::io::Write, recorder: &Running) -> Result<()> {
     });
     let head = ["bus", "unit", "rate", "received", "written", "dropped", "outages"];
     out.write_all(output::table(&head, &[2, 3, 4, 5, 6], rows.collect()).as_bytes())?;
-    let file = printable(status["file"].as_str().unwrap_or_default());
-    writeln!(out, "  writing {file} ({})", size(number(&status["file_bytes"])))?;
+    if let Some(file) = status["file"].as_str().filter(|file| !file.is_empty()) {
+        let bytes = size(number(&status["file_bytes"]));
+        writeln!(out, "  writing {} ({bytes})", printable(file))?;
+    }
+    if let Some(window) = status["window"].as_str() {
+        let count = grouped(number(&status["windows"]));
+        writeln!(out, "  {count} windows around triggers, the latest {}", printable(window))?;
+    }
     let synced = match status["synced_ms_ago"].as_u64() {
         Some(ago) => format!("{} before", duration(ago.saturating_mul(1_000_000))),
         None => "not yet".to_owned(),

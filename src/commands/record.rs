@@ -21,18 +21,22 @@ use tokio::task::{JoinSet, LocalSet};
 pub use plan::Plan;
 pub use report::report;
 
+use super::configuration::{self, Configured};
 use super::definitions::{self, Definitions};
 use super::status::StatusLine;
-use super::{Ended, UsageError, configuration, output};
+use super::{Ended, UsageError, output};
 use crate::address::BusSpec;
 use crate::capture::socketcan::CanOptions;
 use crate::capture::{BusFacts, Source, Stop};
 use crate::channels::Stream;
-use crate::cli::RecordArgs;
+use crate::cli::{Missing, RecordArgs};
 use crate::clock::Timeline;
 use crate::frame::{Level, Unit};
 use crate::queue::{Allowance, BusIndex, Inlet, Queue, Tally};
-use crate::record::{LEAST_FREE, Open, Outcome, Progress, RecordedBus, Recorder, Segments};
+use crate::record::{
+    Keeping, LEAST_FREE, Open, Outcome, Progress, RecordedBus, Recorder, Segments, Session, Tape,
+    Windows,
+};
 use crate::recording::disk::RealDisk;
 use crate::sys::SystemClock;
 use crate::trigger::Triggers;
@@ -46,21 +50,22 @@ use watch::{Signals, Watch};
 pub fn run(typed: &RecordArgs, matches: &ArgMatches) -> Result<Ended> {
     let configured = configuration::configured(typed, matches)?;
     let args = &configured.args;
+    if args.print_config && args.buses.is_empty() {
+        return print(&configured);
+    }
     let specs = parse_buses(&args.buses)?;
     let mut plan = Plan::of(args)?;
     plan.configuration = Some(configured.attachment()?);
     let names: Vec<String> = specs.iter().map(|spec| spec.name.clone()).collect();
     let mut definitions = definitions::load(&args.decode, &names, Vec::new())?;
     if !configured.triggers.is_empty() {
-        let known: Vec<_> = names.into_iter().zip(definitions.can.iter().cloned()).collect();
-        let triggers = Triggers::new(&configured.triggers, &known).map_err(UsageError)?;
+        let known = definitions.nameable(&names);
+        let triggers = Triggers::new(&configured.triggers, known).map_err(UsageError)?;
         definitions.triggers = Some(triggers);
     }
+    plan.check_windows(definitions.triggers.as_ref())?;
     if args.print_config {
-        let mut out = output::stdout();
-        out.write_all(configured.explained()?.as_bytes())?;
-        out.flush()?;
-        return Ok(Ended::Well);
+        return print(&configured);
     }
     let runtime = runtime()?;
     let outcome = runtime.block_on(async {
@@ -71,12 +76,22 @@ pub fn run(typed: &RecordArgs, matches: &ArgMatches) -> Result<Ended> {
         };
         let mut buses = Vec::new();
         for spec in &specs {
-            let source = spec.open(&can)?;
+            let source = match args.missing {
+                Missing::Fail => spec.open(&can)?,
+                Missing::Wait => spec.open_or_wait(&can),
+            };
             buses.push(Bus { name: spec.name.clone(), address: spec.text.clone(), source });
         }
         record(buses, definitions, &plan).await
     })?;
     report(&outcome, args.json)
+}
+
+fn print(configured: &Configured) -> Result<Ended> {
+    let mut out = output::stdout();
+    out.write_all(configured.explained()?.as_bytes())?;
+    out.flush()?;
+    Ok(Ended::Well)
 }
 
 /// The runtime of everything that waits: one thread, beside the writer's.
@@ -214,7 +229,7 @@ impl Desk {
         }
     }
 
-    /// Makes the first file, and a thread that writes. It asks for `reason` at the end.
+    /// Makes the folders and the first file, and a thread that writes. It asks for `reason` at the end.
     fn start_writer(
         &self,
         buses: &[Bus],
@@ -232,28 +247,38 @@ impl Desk {
             }
         }
         let segments = Segments::new(Box::new(RealDisk), target, plan.split, plan.writer)?;
-        let recorded = buses.iter().zip(&self.tallies).zip(definitions.streams);
-        let recorded = recorded.map(|((bus, tally), stream)| bus.recorded(tally, stream)).collect();
+        let recorded = buses.iter().zip(&self.tallies).zip(&definitions.streams);
+        let recorded = recorded.map(|((bus, tally), stream)| bus.recorded(tally, stream.as_ref()));
         let (mut facts, mut attachments) = (about::about(), definitions.attachments);
         if let Some(configuration) = &plan.configuration {
             facts.insert(format!("configuration.{}", configuration.name), configuration.sha256());
             attachments.insert(0, configuration.clone());
         }
-        let recorder = Recorder::start(
-            self.queue.clone(),
-            segments,
-            retention,
-            recorded,
+        let mut session = Session::new(
+            recorded.collect(),
             self.timeline.clone(),
             plan.pace,
-            facts,
-            attachments,
+            (facts, attachments),
+            retention,
             self.progress.clone(),
-        )?;
-        let recorder = match definitions.triggers {
-            Some(triggers) => recorder.watch(triggers).context("cannot start the triggers")?,
-            None => recorder,
+        );
+        let windows = match definitions.triggers.as_ref().and_then(Triggers::reach) {
+            Some(reach) => {
+                let keeping =
+                    Keeping { reach, memory: plan.window_memory, only: plan.windows_only };
+                let row = segments.windows(Box::new(RealDisk))?;
+                Some(Windows::new(keeping, row, definitions.known, buses.len()))
+            }
+            None => None,
         };
+        let tape = match plan.windows_only {
+            true => None,
+            false => Some(Tape::start(segments, definitions.streams, &mut session)?),
+        };
+        let mut recorder = Recorder::new(self.queue.clone(), session, tape);
+        if let Some(triggers) = definitions.triggers {
+            recorder = recorder.watch(triggers, windows).context("cannot start the triggers")?;
+        }
         let ask = move || reason.lock().unwrap_or_else(PoisonError::into_inner).clone();
         std::thread::Builder::new()
             .name("writer".to_owned())
@@ -288,9 +313,10 @@ impl Desk {
 }
 
 impl Bus {
-    fn recorded(&self, tally: &Arc<Tally>, stream: Option<Stream>) -> RecordedBus {
-        let facts: BusFacts = self.source.facts();
+    fn recorded(&self, tally: &Arc<Tally>, stream: Option<&Stream>) -> RecordedBus {
+        let mut facts: BusFacts = self.source.facts();
+        facts.more.extend(stream.into_iter().flat_map(|stream| stream.facts().clone()));
         let (name, address) = (self.name.clone(), self.address.clone());
-        RecordedBus { name, address, facts, tally: tally.clone(), stream }
+        RecordedBus { name, address, facts, tally: tally.clone() }
     }
 }

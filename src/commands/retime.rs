@@ -35,11 +35,11 @@ pub fn run(args: &RetimeArgs) -> Result<Ended> {
     let boots = boots(&recording);
     let mut moves = Vec::new();
     for boot in &boots {
-        for &(segment, base) in &boot.segments {
-            let file = recording.segments[segment].path.clone();
+        for known in &boot.segments {
+            let file = recording.segments[known.index].path.clone();
             let shift = match args.offset {
                 Some(offset) => offset,
-                None => boot.shift(base, &file)?,
+                None => boot.shift(known, args.per_file, &file)?,
             };
             moves.push(Move { output: target(args, &file, shift), file, shift, report: None });
         }
@@ -48,7 +48,7 @@ pub fn run(args: &RetimeArgs) -> Result<Ended> {
     if !args.dry_run {
         refuse_doubles(&moves)?;
         for one in &mut moves {
-            one.carry_out(args.offset.is_some())?;
+            one.carry_out(args)?;
         }
     }
     let mut out = output::stdout();
@@ -75,8 +75,12 @@ struct Move {
 }
 
 impl Move {
-    fn carry_out(&mut self, by_hand: bool) -> Result<()> {
-        let by = if by_hand { "--offset" } else { "the recorded clock" };
+    fn carry_out(&mut self, args: &RetimeArgs) -> Result<()> {
+        let by = match (args.offset, args.per_file) {
+            (Some(_), _) => "--offset",
+            (None, true) => "the recorded clock at the end of the file",
+            (None, false) => "the recorded clock at the end of the boot",
+        };
         let told = Facts::from([
             ("offset_ns".to_owned(), self.shift.to_string()),
             ("by".to_owned(), by.to_owned()),
@@ -116,11 +120,12 @@ fn target(args: &RetimeArgs, file: &Path, shift: i64) -> PathBuf {
     }
     let name = final_name(file);
     let stem = name.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-    let stamped = stem.rsplit_once('_').and_then(|(front, stamp)| {
-        let time = parse_compact_utc(stamp)?.nanos().saturating_add_signed(shift);
-        Some(format!("{front}_{}", compact_utc(Timestamp(time))))
+    // Behind the time there can be the trigger of a window.
+    let parts = stem.split('_').map(|part| match parse_compact_utc(part) {
+        Some(time) => compact_utc(Timestamp(time.nanos().saturating_add_signed(shift))),
+        None => part.to_owned(),
     });
-    let name = format!("{}.mcap", stamped.unwrap_or(stem));
+    let name = format!("{}.mcap", parts.collect::<Vec<_>>().join("_"));
     args.dir.clone().unwrap_or_else(|| ".".into()).join(name)
 }
 

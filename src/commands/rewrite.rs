@@ -36,7 +36,7 @@ pub fn write(
 ) -> Result<Ended> {
     let target = Target::File(path.to_owned());
     let mut segments = Segments::new(Box::new(RealDisk), target, Split::default(), options)?;
-    let mut out = segments.open(head.time, head)?;
+    let mut out = segments.open(head.time, head, "")?;
     let mut summary = summary(recording);
     let copied = copy_all(&mut entries, copy, &mut out.writer)
         .and_then(|()| copy.end(&mut out.writer, &mut summary))
@@ -181,10 +181,11 @@ pub fn head(recording: &Recording) -> Result<Head> {
     })
 }
 
-/// Metadata that are not the recorder's own, each name once.
+/// Metadata that are not the recorder's own, and what a window is about, each name once.
 fn other_metadata(recording: &Recording) -> Vec<(String, Facts)> {
     let all = recording.segments.iter().flat_map(|segment| &segment.metadata);
-    let foreign = all.filter(|(name, _)| !name.starts_with("bustape."));
+    let kept = |name: &str| name == "bustape.window" || !name.starts_with("bustape.");
+    let foreign = all.filter(|(name, _)| kept(name));
     let once: BTreeMap<_, _> = foreign.map(|(n, f)| (n.clone(), f.clone())).collect();
     once.into_iter().collect()
 }

@@ -12,7 +12,7 @@ use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
 
 pub use inlet::{Allowance, Inlet};
-pub use tally::{Tally, Totals};
+pub use tally::{Controller, Tally, Totals};
 
 use crate::frame::{Frame, Stamped};
 
@@ -24,7 +24,7 @@ const WAKE_BYTES: usize = 256 << 10;
 pub type BusIndex = u16;
 
 /// One thing on its way to the writer.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Item {
     /// Which bus it happened on.
     pub bus: BusIndex,
@@ -114,7 +114,8 @@ fn cost(item: &Item) -> usize {
     size_of::<Item>() + heap(&item.frame.value)
 }
 
-fn heap(frame: &Frame) -> usize {
+/// Bytes of memory that a frame takes elsewhere.
+pub fn heap(frame: &Frame) -> usize {
     match frame {
         Frame::Can(_) | Frame::Gap(_) => 0,
         Frame::Serial(bytes) => bytes.data.capacity() + bytes.errors.capacity() * 8,

@@ -1,8 +1,11 @@
-//! The books of each bus: received = written + dropped, always.
+//! The books of each bus: received = written + dropped, always. Where only windows around triggers
+//! are kept, what passed outside of them is a third part.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Mutex, PoisonError};
 
-use crate::frame::GapReason;
+use crate::frame::error::BusState;
+use crate::frame::{Frame, GapReason};
 
 /// Counters of one bus. CAN counts frames, serial counts bytes.
 ///
@@ -13,10 +16,21 @@ pub struct Tally {
     received: AtomicU64,
     written: AtomicU64,
     dropped: [AtomicU64; GapReason::ALL.len()],
+    outside: AtomicU64,
     /// Gaps of which nobody knows how much they cost.
     outages: AtomicU64,
     /// Bits on the wire, for the bus load.
     bits: AtomicU64,
+    controller: Mutex<Controller>,
+}
+
+/// What is known of a CAN controller.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Controller {
+    /// What it may do.
+    pub state: Option<BusState>,
+    /// Its counters of errors in transmitting and receiving.
+    pub errors: Option<(u32, u32)>,
 }
 
 /// A [`Tally`] at one moment.
@@ -28,6 +42,8 @@ pub struct Totals {
     pub written: u64,
     /// What is not, by reason, in the order of [`GapReason::ALL`].
     pub dropped: [u64; GapReason::ALL.len()],
+    /// What no window wanted, where only windows are kept.
+    pub outside: u64,
     /// Gaps of unknown size: the link was away.
     pub outages: u64,
     /// Bits on the wire so far.
@@ -58,9 +74,35 @@ impl Tally {
         self.dropped(reason, count);
     }
 
+    /// `count` frames or bytes were in no window.
+    pub fn outside(&self, count: u64) {
+        self.outside.fetch_add(count, Relaxed);
+    }
+
+    /// A window wants `count` frames or bytes that were given up before, as if in none.
+    pub fn wanted_too_late(&self, count: u64) {
+        self.outside.fetch_sub(count, Relaxed);
+        self.dropped(GapReason::WindowMemory, count);
+    }
+
+    /// A file with `count` frames or bytes gives way to another that has them, too.
+    pub fn written_anew(&self, count: u64) {
+        self.written.fetch_sub(count, Relaxed);
+    }
+
     /// `bits` passed on the wire.
     pub fn bits(&self, bits: u64) {
         self.bits.fetch_add(bits, Relaxed);
+    }
+
+    /// The controller has changed.
+    pub fn set_controller(&self, controller: Controller) {
+        *self.controller.lock().unwrap_or_else(PoisonError::into_inner) = controller;
+    }
+
+    /// The controller now.
+    pub fn controller(&self) -> Controller {
+        *self.controller.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The counters now.
@@ -69,6 +111,7 @@ impl Tally {
             received: self.received.load(Relaxed),
             written: self.written.load(Relaxed),
             dropped: std::array::from_fn(|i| self.dropped[i].load(Relaxed)),
+            outside: self.outside.load(Relaxed),
             outages: self.outages.load(Relaxed),
             bits: self.bits.load(Relaxed),
         }
@@ -91,9 +134,24 @@ impl Totals {
         self.lost() == 0 && self.outages == 0
     }
 
-    /// received = written + dropped.
+    /// received = written + dropped (+ outside).
     pub fn balanced(&self) -> bool {
-        self.received == self.written + self.lost()
+        self.received == self.written + self.lost() + self.outside
+    }
+
+    /// Enters something that goes into a file; see [`Tally::received`] and [`Tally::missed`].
+    pub fn enter(&mut self, frame: &Frame) {
+        if let Frame::Gap(gap) = frame {
+            self.outages += u64::from(gap.count == 0);
+            self.received += gap.count;
+            self.dropped[index(gap.reason)] += gap.count;
+        }
+        self.received += frame.weight();
+    }
+
+    /// Enters `count` that were received and lost.
+    pub fn lose(&mut self, reason: GapReason, count: u64) {
+        self.dropped[index(reason)] += count;
     }
 }
 

@@ -12,6 +12,8 @@ pub struct Alarm {
     triggers: Triggers,
     commands: Option<Commands>,
     fired: Vec<Fired>,
+    /// Of those that have fired, which want a window.
+    wanted: Vec<Fired>,
     progress: Arc<Progress>,
 }
 
@@ -24,7 +26,13 @@ impl Alarm {
         } else {
             None
         };
-        Ok(Self { triggers, commands, fired: Vec::new(), progress })
+        let (fired, wanted) = (Vec::new(), Vec::new());
+        Ok(Self { triggers, commands, fired, wanted, progress })
+    }
+
+    /// What has fired since the last call and wants a window.
+    pub fn take_wanted(&mut self) -> Vec<Fired> {
+        std::mem::take(&mut self.wanted)
     }
 
     /// Shows something to the triggers, and does what those want that fire. False if they have
@@ -36,6 +44,9 @@ impl Alarm {
             if !self.progress.event(fired.event()) {
                 let text = format!("trigger {} fires too often; events are lost", fired.name);
                 self.progress.remark(Level::Warning, text);
+            }
+            if fired.window.is_some() {
+                self.wanted.push(fired.clone());
             }
             if fired.run.is_empty() {
                 continue;

@@ -4,10 +4,11 @@ use std::sync::Arc;
 
 use crate::capture::BusFacts;
 use crate::channels::Stream;
+use crate::frame::error::BusState;
 use crate::frame::{GapReason, Unit};
-use crate::queue::{Tally, Totals};
+use crate::queue::{Controller, Tally, Totals};
 use crate::recording::definition::Facts;
-use crate::recording::schema::bustape::BusStats;
+use crate::recording::schema::bustape::{BusStats, bus_stats};
 
 /// A bus being recorded.
 pub struct RecordedBus {
@@ -19,8 +20,6 @@ pub struct RecordedBus {
     pub facts: BusFacts,
     /// Its books.
     pub tally: Arc<Tally>,
-    /// Its decoded channels, if it is decoded.
-    pub stream: Option<Stream>,
 }
 
 impl RecordedBus {
@@ -34,16 +33,17 @@ impl RecordedBus {
                 facts.insert(name.to_owned(), rate.to_string());
             }
         }
-        if let Some(stream) = &self.stream {
-            facts.extend(stream.facts().clone());
-        }
         (self.name.clone(), facts)
     }
 
     /// Its state now, against that of `seconds` ago.
     pub fn stats(&self, now: &Totals, before: &Totals, seconds: f64) -> BusStats {
         let bits = now.bits - before.bits;
+        let Controller { state, errors } = self.tally.controller();
         BusStats {
+            state: state.map(|state| state_of(state) as i32),
+            tx_errors: errors.map(|(tx, _)| tx),
+            rx_errors: errors.map(|(_, rx)| rx),
             received: now.received,
             written: now.written,
             dropped_kernel_queue: now.lost_to(GapReason::KernelQueue),
@@ -57,11 +57,31 @@ impl RecordedBus {
     }
 }
 
-/// `bustape.summary`: the books so far, and what of them is in this segment.
-pub fn summary(reason: &str, buses: &[RecordedBus], segment_counts: &[u64]) -> Facts {
+fn state_of(state: BusState) -> bus_stats::State {
+    match state {
+        BusState::Active => bus_stats::State::ErrorActive,
+        BusState::Warning => bus_stats::State::ErrorWarning,
+        BusState::Passive => bus_stats::State::ErrorPassive,
+        BusState::BusOff => bus_stats::State::BusOff,
+    }
+}
+
+/// One bus's lines in `bustape.summary`.
+pub struct Account<'a> {
+    /// The bus.
+    pub bus: &'a RecordedBus,
+    /// Its books.
+    pub totals: Totals,
+    /// What of it is in this file.
+    pub in_segment: u64,
+    /// Its decoded channels, if it is decoded.
+    pub stream: Option<&'a Stream>,
+}
+
+/// `bustape.summary`: the books, and what of them is in this segment.
+pub fn summary<'a>(reason: &str, accounts: impl Iterator<Item = Account<'a>>) -> Facts {
     let mut facts = Facts::from([("reason".to_owned(), reason.to_owned())]);
-    for (bus, in_segment) in buses.iter().zip(segment_counts) {
-        let totals = bus.tally.totals();
+    for Account { bus, totals, in_segment, stream } in accounts {
         let unit = bus.facts.unit.unwrap_or(Unit::Frames).name();
         let mut put = |key: &str, value: String| {
             facts.insert(format!("{}.{key}", bus.name), value);
@@ -72,13 +92,16 @@ pub fn summary(reason: &str, buses: &[RecordedBus], segment_counts: &[u64]) -> F
         put("dropped", totals.lost().to_string());
         put("segment_written", in_segment.to_string());
         put("outages", totals.outages.to_string());
+        if totals.outside > 0 {
+            put("outside", totals.outside.to_string());
+        }
         for reason in GapReason::ALL {
             if totals.lost_to(reason) > 0 {
                 let key = format!("dropped.{}", reason.name());
                 put(&key, totals.lost_to(reason).to_string());
             }
         }
-        if let Some(stream) = &bus.stream {
+        if let Some(stream) = stream {
             stream.sum_up(&mut facts);
         }
     }

@@ -28,6 +28,10 @@ pub struct State {
     pub synced: Option<Timestamp>,
     /// Bytes waiting for the writer.
     pub queued: usize,
+    /// Windows around triggers begun so far.
+    pub windows: u64,
+    /// The latest of them, under the name it will have.
+    pub window: Option<PathBuf>,
     /// Writing has ended for good.
     pub failed: bool,
     /// The recording was finished because there is no more room.
@@ -88,6 +92,13 @@ impl Progress {
             path.clone_into(&mut state.file);
             state.earlier_bytes += state.file_bytes;
             state.file_bytes = bytes;
+        });
+    }
+
+    pub(super) fn window(&self, path: &Path) {
+        self.change(|state| {
+            state.windows += 1;
+            state.window = Some(path.to_owned());
         });
     }
 

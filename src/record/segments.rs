@@ -1,6 +1,7 @@
 //! Segment files: their names, `.part` while open, the next one when one is full.
 
 use std::io;
+use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -10,8 +11,14 @@ use crate::recording::disk::{Disk, folder_of};
 use crate::recording::writer::{Head, SegmentWriter, WriterOptions};
 use crate::text::compact_utc;
 
+/// After this time a window that has not ended goes on in another file.
+const LONGEST_WINDOW: Duration = Duration::from_secs(24 * 3600);
+
 /// Least free space to start with: anything less is full within minutes.
 pub const LEAST_FREE: u64 = 8 << 20;
+
+/// Folder for windows around triggers, in that of the recording.
+pub const WINDOWS: &str = "windows";
 
 /// Where a recording goes.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -118,9 +125,28 @@ impl Segments {
         let session = match &target {
             Target::File(_) => 1,
             Target::Folder(folder, prefix) => {
-                next_session(folder, prefix).map_err(|e| folder_error(folder, &e))?
+                let last = last_session(folder, prefix).map_err(|e| folder_error(folder, &e))?;
+                // Windows are kept for longer than segments.
+                let of_windows = last_session(&folder.join(WINDOWS), prefix).unwrap_or(0);
+                last.max(of_windows).saturating_add(1)
             }
         };
+        Ok(Self { disk, target, split, options, session, number: 0, finished: Vec::new() })
+    }
+
+    /// The row of windows of the same recording. Makes their folder.
+    pub fn windows(&self, disk: Box<dyn Disk>) -> Result<Self, SegmentError> {
+        let Target::Folder(folder, prefix) = &self.target else {
+            let text = "windows around triggers need a folder: record with --dir";
+            return Err(SegmentError(text.to_owned()));
+        };
+        let folder = folder.join(WINDOWS);
+        let made = std::fs::DirBuilder::new().recursive(true).mode(0o750).create(&folder);
+        made.map_err(|e| folder_error(&folder, &e))?;
+        let target = Target::Folder(folder, prefix.clone());
+        // A window is one file, unless its trigger does not come to rest.
+        let split = Split { size: self.split.size, time: Some(LONGEST_WINDOW), at: None };
+        let (options, session) = (self.options, self.session);
         Ok(Self { disk, target, split, options, session, number: 0, finished: Vec::new() })
     }
 
@@ -140,10 +166,16 @@ impl Segments {
         &self.finished
     }
 
-    /// Creates the next segment with its head, and makes it durable.
-    pub fn open(&mut self, time: Timestamp, head: &Head) -> Result<Segment, SegmentError> {
+    /// Creates the next segment with its head, and makes it durable. `label` is what its name ends
+    /// with; it may be empty.
+    pub fn open(
+        &mut self,
+        time: Timestamp,
+        head: &Head,
+        label: &str,
+    ) -> Result<Segment, SegmentError> {
         self.number += 1;
-        let path = self.path(time);
+        let path = self.path(time, label);
         let part = part_of(&path);
         for existing in [&path, &part] {
             if existing.symlink_metadata().is_ok() {
@@ -221,7 +253,7 @@ impl Segments {
         self.disk.remove(&segment.part()).ok();
     }
 
-    fn path(&self, time: Timestamp) -> PathBuf {
+    fn path(&self, time: Timestamp, label: &str) -> PathBuf {
         let number = self.number;
         match &self.target {
             Target::File(path) if !self.split.is_set() && number == 1 => path.clone(),
@@ -231,14 +263,15 @@ impl Segments {
             }
             Target::Folder(folder, prefix) => {
                 let (session, time) = (self.session, compact_utc(time));
-                folder.join(format!("{prefix}_s{session:04}_{number:04}_{time}.mcap"))
+                let label = if label.is_empty() { String::new() } else { format!("_{label}") };
+                folder.join(format!("{prefix}_s{session:04}_{number:04}_{time}{label}.mcap"))
             }
         }
     }
 }
 
-/// One more than the highest session number in a folder.
-fn next_session(folder: &Path, prefix: &str) -> io::Result<u32> {
+/// The highest session number in a folder, 0 if there is none.
+fn last_session(folder: &Path, prefix: &str) -> io::Result<u32> {
     let mut last = 0;
     for entry in std::fs::read_dir(folder)? {
         let name = entry?.file_name();
@@ -248,7 +281,7 @@ fn next_session(folder: &Path, prefix: &str) -> io::Result<u32> {
             .and_then(|digits| digits.parse::<u32>().ok());
         last = last.max(number.unwrap_or(0));
     }
-    Ok(last.saturating_add(1))
+    Ok(last)
 }
 
 /// The name a file has while it is written.

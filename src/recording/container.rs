@@ -14,15 +14,16 @@
 //! Source: MCAP format specification, version 0.
 
 use std::collections::BTreeMap;
-use std::io::{self, Cursor};
+use std::io;
 
-use binrw::BinWrite;
 use mcap::records::{self, op};
 
-use super::chunk::{Chunk, INDEX_ENTRY, MessageIndex};
+use super::bytes::{body, put, put_bytes, record_bytes};
+use super::chunk::{Chunk, MessageIndex};
 use super::definition::{Attachment, ChannelDefinition, Facts, SchemaDefinition};
 use super::disk::OutputFile;
 use super::records::{AttachmentIndex, ChunkHead};
+use super::summary::Summary;
 
 /// How our own chunks are compressed.
 const COMPRESSION: &str = "zstd";
@@ -41,18 +42,7 @@ pub struct Container {
     block: Vec<u8>,
     /// Ids by name, checksum and length of the definition.
     schemas: BTreeMap<(String, u32, usize), u16>,
-    groups: Groups,
-    statistics: records::Statistics,
-}
-
-/// The records of the summary section, serialized as they become known.
-#[derive(Default)]
-struct Groups {
-    schemas: Vec<u8>,
-    channels: Vec<u8>,
-    chunks: Vec<u8>,
-    attachments: Vec<u8>,
-    metadata: Vec<u8>,
+    summary: Summary,
 }
 
 impl Container {
@@ -74,8 +64,7 @@ impl Container {
             compressed: Vec::new(),
             block: Vec::new(),
             schemas: BTreeMap::new(),
-            groups: Groups::default(),
-            statistics: empty_statistics(),
+            summary: Summary::default(),
         };
         let mut head = mcap::MAGIC.to_vec();
         put_bytes(&mut head, op::HEADER, header);
@@ -95,8 +84,7 @@ impl Container {
         let (offset, length) = (self.position, record.len() as u64);
         let index = records::MetadataIndex { offset, length, name: name.to_owned() };
         self.append(record)?;
-        self.statistics.metadata_count += 1;
-        put(&mut self.groups.metadata, op::METADATA_INDEX, &index)
+        self.summary.enter_metadata(&index)
     }
 
     /// Writes a record of which only its own program knows what it is.
@@ -122,20 +110,17 @@ impl Container {
         for piece in pieces {
             self.append(&piece)?;
         }
-        self.statistics.attachment_count += 1;
-        put(&mut self.groups.attachments, op::ATTACHMENT_INDEX, &index)
+        self.summary.enter_attachment(&index)
     }
 
     /// Enters a schema record that stands in a copied chunk in the summary.
     pub fn enter_schema(&mut self, record: &[u8]) {
-        self.groups.schemas.extend_from_slice(record);
-        self.statistics.schema_count += 1;
+        self.summary.enter_schema(record);
     }
 
     /// Enters a channel record that stands in a copied chunk in the summary.
     pub fn enter_channel(&mut self, record: &[u8]) {
-        self.groups.channels.extend_from_slice(record);
-        self.statistics.channel_count += 1;
+        self.summary.enter_channel(record);
     }
 
     /// Writes an attachment; `time` is nanoseconds since 1970.
@@ -164,8 +149,7 @@ impl Container {
             media_type: header.media_type,
         };
         self.append(&bytes)?;
-        self.statistics.attachment_count += 1;
-        put(&mut self.groups.attachments, op::ATTACHMENT_INDEX, &index)
+        self.summary.enter_attachment(&index)
     }
 
     /// Defines a channel, and its schema when it is new, in the open chunk. At most 65,535.
@@ -178,7 +162,7 @@ impl Container {
             Some(schema) => self.schema(chunk, schema)?,
             None => 0,
         };
-        let id = u16::try_from(self.statistics.channel_count)
+        let id = u16::try_from(self.summary.channels())
             .map_err(|_| io::Error::other("an MCAP file cannot have more than 65,535 channels"))?;
         let channel = records::Channel {
             id,
@@ -189,8 +173,7 @@ impl Container {
         };
         let bytes = record_bytes(op::CHANNEL, &channel)?;
         chunk.define(&bytes);
-        self.groups.channels.extend_from_slice(&bytes);
-        self.statistics.channel_count += 1;
+        self.summary.enter_channel(&bytes);
         Ok(id)
     }
 
@@ -210,9 +193,8 @@ impl Container {
         let mut bytes = Vec::new();
         put_bytes(&mut bytes, op::SCHEMA, &body);
         chunk.define(&bytes);
-        self.groups.schemas.extend_from_slice(&bytes);
+        self.summary.enter_schema(&bytes);
         self.schemas.insert(key, id);
-        self.statistics.schema_count += 1;
         Ok(id)
     }
 
@@ -286,9 +268,7 @@ impl Container {
             uncompressed_size,
         };
         self.append(block)?;
-        put(&mut self.groups.chunks, op::CHUNK_INDEX, &index)?;
-        self.count(messages);
-        Ok(())
+        self.summary.enter_chunk(&index, messages)
     }
 
     fn compress(&mut self, records: &[u8]) -> io::Result<()> {
@@ -313,64 +293,14 @@ impl Container {
         offsets
     }
 
-    fn count(&mut self, index: &MessageIndex) {
-        let (start, end) = index.span();
-        let statistics = &mut self.statistics;
-        let first = statistics.message_count == 0;
-        statistics.message_start_time =
-            if first { start } else { statistics.message_start_time.min(start) };
-        statistics.message_end_time = statistics.message_end_time.max(end);
-        statistics.message_count += index.messages();
-        statistics.chunk_count += 1;
-        for (channel, entries) in index.channels() {
-            *statistics.channel_message_counts.entry(channel).or_default() +=
-                (entries.len() / INDEX_ENTRY) as u64;
-        }
-    }
-
     /// Writes the summary and the end of the file.
     pub fn finish(&mut self) -> io::Result<()> {
         let mut data_end = Vec::new();
         let end = records::DataEnd { data_section_crc: self.crc.clone().finalize() };
         put(&mut data_end, op::DATA_END, &end)?;
         self.append(&data_end)?;
-        let summary = self.summary()?;
+        let summary = self.summary.bytes(self.position)?;
         self.append(&summary)
-    }
-
-    fn summary(&self) -> io::Result<Vec<u8>> {
-        let statistics = record_bytes(op::STATISTICS, &self.statistics)?;
-        let groups = [
-            (op::SCHEMA, &self.groups.schemas),
-            (op::CHANNEL, &self.groups.channels),
-            (op::STATISTICS, &statistics),
-            (op::CHUNK_INDEX, &self.groups.chunks),
-            (op::ATTACHMENT_INDEX, &self.groups.attachments),
-            (op::METADATA_INDEX, &self.groups.metadata),
-        ];
-        let mut bytes =
-            Vec::with_capacity(groups.iter().map(|(_, g)| g.len()).sum::<usize>() + 512);
-        let mut offsets = Vec::new();
-        for (group_opcode, group) in groups.into_iter().filter(|(_, group)| !group.is_empty()) {
-            let offset = records::SummaryOffset {
-                group_opcode,
-                group_start: self.position + bytes.len() as u64,
-                group_length: group.len() as u64,
-            };
-            put(&mut offsets, op::SUMMARY_OFFSET, &offset)?;
-            bytes.extend_from_slice(group);
-        }
-        let summary_offset_start = self.position + bytes.len() as u64;
-        bytes.extend_from_slice(&offsets);
-        let footer =
-            records::Footer { summary_start: self.position, summary_offset_start, summary_crc: 0 };
-        put(&mut bytes, op::FOOTER, &footer)?;
-        // The checksum covers everything up to itself and stands in the footer's last four bytes.
-        let at = bytes.len() - 4;
-        let crc = crc32fast::hash(&bytes[..at]);
-        bytes[at..].copy_from_slice(&crc.to_le_bytes());
-        bytes.extend_from_slice(mcap::MAGIC);
-        Ok(bytes)
     }
 
     /// Returns when everything written so far would survive a power cut.
@@ -383,7 +313,7 @@ impl Container {
 
     /// Channels defined so far.
     pub fn channels(&self) -> usize {
-        self.statistics.channel_count as usize
+        self.summary.channels() as usize
     }
 
     /// Bytes in the file so far.
@@ -393,9 +323,7 @@ impl Container {
 
     /// About as many bytes as the end of the file will take.
     pub fn tail(&self) -> u64 {
-        let Groups { schemas, channels, chunks, attachments, metadata } = &self.groups;
-        let groups = [schemas, channels, chunks, attachments, metadata];
-        groups.iter().map(|group| group.len() as u64).sum::<u64>() + END
+        self.summary.size() + END
     }
 
     /// True after an error: the file stays as it is.
@@ -421,50 +349,4 @@ impl Container {
         }
         Ok(())
     }
-}
-
-fn empty_statistics() -> records::Statistics {
-    records::Statistics {
-        message_count: 0,
-        schema_count: 0,
-        channel_count: 0,
-        attachment_count: 0,
-        metadata_count: 0,
-        chunk_count: 0,
-        message_start_time: 0,
-        message_end_time: 0,
-        channel_message_counts: BTreeMap::new(),
-    }
-}
-
-fn body<T>(record: &T) -> io::Result<Vec<u8>>
-where
-    for<'a> T: BinWrite<Args<'a> = ()>,
-{
-    let mut body = Cursor::new(Vec::new());
-    record.write_le(&mut body).map_err(io::Error::other)?;
-    Ok(body.into_inner())
-}
-
-fn record_bytes<T>(opcode: u8, record: &T) -> io::Result<Vec<u8>>
-where
-    for<'a> T: BinWrite<Args<'a> = ()>,
-{
-    let mut bytes = Vec::new();
-    put_bytes(&mut bytes, opcode, &body(record)?);
-    Ok(bytes)
-}
-
-fn put<T>(out: &mut Vec<u8>, opcode: u8, record: &T) -> io::Result<()>
-where
-    for<'a> T: BinWrite<Args<'a> = ()>,
-{
-    out.extend_from_slice(&record_bytes(opcode, record)?);
-    Ok(())
-}
-
-fn put_bytes(out: &mut Vec<u8>, opcode: u8, body: &[u8]) {
-    out.push(opcode);
-    out.extend_from_slice(&(body.len() as u64).to_le_bytes());
-    out.extend_from_slice(body);
 }

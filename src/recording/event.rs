@@ -3,6 +3,9 @@
 use super::schema::foxglove;
 use crate::frame::Timestamp;
 
+/// What events of marks are called.
+pub const MARK: &str = "mark";
+
 /// Something that somebody will look for.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Event {
@@ -23,6 +26,18 @@ impl Event {
     pub fn new(time: Timestamp, kind: &str, properties: Vec<(&'static str, String)>) -> Self {
         let (id, device) = (String::new(), String::new());
         Self { time, kind: kind.to_owned(), properties, id, device }
+    }
+
+    /// True of a mark that somebody has set; triggers have a condition.
+    pub fn is_mark(&self) -> bool {
+        self.kind == MARK && self.properties.iter().all(|(key, _)| *key != "condition")
+    }
+
+    /// Bytes of memory that its texts take.
+    pub fn bytes(&self) -> usize {
+        let properties = self.properties.iter();
+        let properties: usize = properties.map(|(key, value)| key.len() + value.len()).sum();
+        self.kind.len() + self.id.len() + self.device.len() + properties
     }
 
     /// A `foxglove.Event` message.

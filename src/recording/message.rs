@@ -3,6 +3,7 @@
 use prost::Message as _;
 
 use super::schema::{bustape, foxglove};
+use crate::frame::error::{CanError, Class};
 use crate::frame::{
     Direction, Gap, GapReason, Level, LineError, LineErrorKind, Notice, SerialBytes, Timestamp,
     Unit,
@@ -65,6 +66,50 @@ fn line_error_of(kind: bustape::serial_bytes::line_error::Kind) -> Option<LineEr
     })
 }
 
+/// A `bustape.CanError` message.
+pub fn can_error(error: &CanError) -> bustape::CanError {
+    let (controller, protocol) = (error.controller(), error.protocol());
+    let counters = error.counters();
+    bustape::CanError {
+        text: error.to_string(),
+        classes: error.classes,
+        tx_timeout: error.is(Class::TxTimeout),
+        lost_arbitration: error.is(Class::LostArbitration),
+        controller: error.is(Class::Controller),
+        protocol: error.is(Class::Protocol),
+        transceiver: error.is(Class::Transceiver),
+        no_ack: error.is(Class::NoAck),
+        bus_off: error.is(Class::BusOff),
+        bus_error: error.is(Class::BusError),
+        restarted: error.is(Class::Restarted),
+        arbitration_bit: error.arbitration_bit().map(u32::from),
+        rx_overflow: controller & 0x01 != 0,
+        tx_overflow: controller & 0x02 != 0,
+        rx_warning: controller & 0x04 != 0,
+        tx_warning: controller & 0x08 != 0,
+        rx_passive: controller & 0x10 != 0,
+        tx_passive: controller & 0x20 != 0,
+        active: controller & 0x40 != 0,
+        bit: protocol & 0x01 != 0,
+        form: protocol & 0x02 != 0,
+        stuff: protocol & 0x04 != 0,
+        bit0: protocol & 0x08 != 0,
+        bit1: protocol & 0x10 != 0,
+        overload: protocol & 0x20 != 0,
+        active_error: protocol & 0x40 != 0,
+        on_transmission: protocol & 0x80 != 0,
+        location: error.location().map(i32::from),
+        wires: error.transceiver().map(u32::from),
+        tx_errors: counters.map(|(tx, _)| tx.into()),
+        rx_errors: counters.map(|(_, rx)| rx.into()),
+    }
+}
+
+/// The classes of a `bustape.CanError` message, as bits.
+pub fn decode_can_error(message: &[u8]) -> Option<u32> {
+    bustape::CanError::decode(message).ok().map(|error| error.classes)
+}
+
 /// A `bustape.Gap` message.
 pub fn gap(gap: &Gap) -> bustape::Gap {
     use bustape::gap as g;
@@ -79,6 +124,7 @@ pub fn gap(gap: &Gap) -> bustape::Gap {
         GapReason::Overrun => g::Reason::Overrun,
         GapReason::Adapter => g::Reason::Adapter,
         GapReason::Disk => g::Reason::Disk,
+        GapReason::WindowMemory => g::Reason::WindowMemory,
     };
     bustape::Gap {
         count: gap.count,
@@ -106,6 +152,7 @@ pub fn decode_gap(message: &[u8]) -> Option<Gap> {
         g::Reason::Overrun => GapReason::Overrun,
         g::Reason::Adapter => GapReason::Adapter,
         g::Reason::Disk => GapReason::Disk,
+        g::Reason::WindowMemory => GapReason::WindowMemory,
     };
     let (from, to) = (Timestamp(message.from_ns), Timestamp(message.to_ns));
     Some(Gap { count: message.count, unit, reason, from, to })

@@ -1,5 +1,6 @@
 //! The recording: what stands in an MCAP file, and how it gets there and back.
 
+mod bytes;
 pub mod can_batch;
 pub mod can_frame;
 pub mod chunk;
@@ -9,12 +10,14 @@ pub mod disk;
 pub mod event;
 pub mod limits;
 pub mod message;
+mod options;
 pub mod reader;
 pub mod records;
 pub mod rewrite;
 pub mod schema;
 pub mod segment;
 pub mod shift;
+mod summary;
 pub mod unpack;
 pub mod walk;
 pub mod wire;

@@ -69,11 +69,39 @@ impl Recording {
     /// All of time.
     pub const ALL: RangeInclusive<Timestamp> = Timestamp(0)..=Timestamp(u64::MAX);
 
-    /// Log times of the first and last message.
+    /// Times of the first and last message, or frame.
     pub fn span(&self) -> Option<(Timestamp, Timestamp)> {
         let spans = || self.segments.iter().map(|s| s.statistics.span).filter(|s| s.1 != 0);
         let (start, end) = (spans().map(|s| s.0).min()?, spans().map(|s| s.1).max()?);
-        Some((Timestamp(start), Timestamp(end)))
+        let batches = (0..self.segments.len()).filter_map(|index| self.last_batched(index, end));
+        Some((Timestamp(start), Timestamp(batches.fold(end, u64::max))))
+    }
+
+    /// The time of the last frame in a segment's batches, if it can be later than `end`: a batch has
+    /// the log time of its first frame. Only chunks that can hold it are read.
+    fn last_batched(&self, index: usize, end: u64) -> Option<u64> {
+        let segment = &self.segments[index];
+        let widest = batch_nanos(segment);
+        if widest == 0 || segment.statistics.span.1.saturating_add(widest) <= end {
+            return None;
+        }
+        let kinds = self.kinds(segment, |topic| topic.ends_with("/raw"));
+        let is_batch =
+            |channel: u16| matches!(kinds.get(usize::from(channel)), Some(Kind::CanBatch(_)));
+        let mut last = None;
+        let mut chunk_records = Vec::new();
+        for chunk in segment.chunks.iter().filter(|c| c.end.saturating_add(widest) > end) {
+            if segment.read_chunk(*chunk, &mut chunk_records).is_err() {
+                continue;
+            }
+            let messages = records(&chunk_records).filter(|record| record.opcode == op::MESSAGE);
+            let batches = messages.filter_map(|record| Message::of(record.body));
+            for Message { log_time, data, .. } in batches.filter(|m| is_batch(m.channel)) {
+                let frames = can_batch::decode(Timestamp(log_time), data).unwrap_or_default();
+                last = last.max(frames.last().map(|frame| frame.time.nanos()));
+            }
+        }
+        last
     }
 
     /// Everything on the wanted topics within a range of time, in time order. Chunks that hold
@@ -107,8 +135,7 @@ impl Recording {
             let of_segment = kinds_of(segment);
             let ids = (0u16..).zip(&of_segment).filter(|(_, kind)| !matches!(kind, Kind::Unwanted));
             let mask = ids.fold(0, |mask, (id, _)| mask | channel_bit(id));
-            let batch = segment.fact("bustape.recording", "batch_max_ns");
-            let widen = batch.and_then(|text| text.parse().ok()).unwrap_or(0);
+            let widen = batch_nanos(segment);
             let matches = |chunk: &&ChunkRef| {
                 // A file that was cut off before the index of its last chunk does not tell.
                 let holds = chunk.channels == 0 || chunk.channels & mask != 0;
@@ -326,6 +353,12 @@ impl Iterator for Entries<'_> {
         self.load();
         self.ready.pop()
     }
+}
+
+/// The longest time that a batch of a segment spans; 0 where it has none.
+fn batch_nanos(segment: &Segment) -> u64 {
+    let widest = segment.fact("bustape.recording", "batch_max_ns");
+    widest.and_then(|text| text.parse().ok()).unwrap_or(0)
 }
 
 /// When a segment begins: its first message, or, if it has none, when it was made.

@@ -40,6 +40,10 @@ schema!(
     CAN_BATCH, "bustape.CanBatch"
 );
 schema!(
+    /// What an error frame says.
+    CAN_ERROR, "bustape.CanError"
+);
+schema!(
     /// Bytes of a serial line.
     SERIAL_BYTES, "bustape.SerialBytes"
 );

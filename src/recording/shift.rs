@@ -130,14 +130,19 @@ impl Change for Shift {
     }
 
     fn metadata(&mut self, name: &str, facts: &mut Facts) {
-        if name != "bustape.clock" {
-            return;
-        }
         // What the clocks said stays; where that stands on the timeline is moved with it.
-        if let Some(time) = facts.get_mut("log_time_ns")
-            && let Ok(nanos) = time.parse()
-        {
-            *time = self.moved(nanos).to_string();
+        let keys: &[&str] = match name {
+            "bustape.clock" => &["log_time_ns"],
+            "bustape.window" => &["fired_ns", "from_ns"],
+            "bustape.summary" => &["window_from_ns", "window_to_ns"],
+            _ => return,
+        };
+        for key in keys {
+            if let Some(time) = facts.get_mut(*key)
+                && let Ok(nanos) = time.parse()
+            {
+                *time = self.moved(nanos).to_string();
+            }
         }
     }
 

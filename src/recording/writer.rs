@@ -8,81 +8,19 @@ use std::io;
 use super::can_batch::BatchBuilder;
 use super::chunk::Chunk;
 use super::container::Container;
-use super::definition::{Attachment, ChannelDefinition, Facts, SchemaDefinition};
+use super::definition::{ChannelDefinition, Facts, SchemaDefinition};
 use super::disk::OutputFile;
 use super::event::Event;
 use super::limits::MAX_CHUNK_FRAMES;
 use super::schema::{self, Schema, bustape};
 use super::{can_frame, message, wire};
+use crate::frame::error::CanError;
 use crate::frame::{CanFrame, Frame, Gap, Notice, SerialBytes, Stamped, Timestamp};
+
+pub use super::options::{Head, Layout, WriterOptions};
 
 /// Where events stand: marks and triggers.
 pub const EVENT_TOPIC: &str = "/bustape/event";
-
-/// How CAN frames stand in the file.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum)]
-pub enum Layout {
-    /// One message for each frame: browsable in every viewer
-    #[default]
-    Frame,
-    /// Many frames in one columnar message: several times smaller and faster
-    Batch,
-}
-
-impl Layout {
-    /// As it is called on the command line and in the metadata.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::Frame => "frame",
-            Self::Batch => "batch",
-        }
-    }
-}
-
-/// How a segment is written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct WriterOptions {
-    /// How CAN frames stand in the file.
-    pub layout: Layout,
-    /// A chunk is cut when its messages reach this many bytes, uncompressed.
-    pub chunk_bytes: usize,
-    /// Most frames in one batch message, 1 to 2048.
-    pub batch_frames: usize,
-    /// Longest time from the first to the last frame of one batch message, nanoseconds. Readers
-    /// that look for a time range widen it by this much.
-    pub batch_nanos: u64,
-    /// zstd level, 1 to 19. Above 3 this kind of data hardly gets smaller.
-    pub compression: i32,
-}
-
-impl Default for WriterOptions {
-    fn default() -> Self {
-        Self {
-            layout: Layout::Frame,
-            chunk_bytes: 1 << 20,
-            batch_frames: 1024,
-            batch_nanos: 1_000_000_000,
-            compression: 1,
-        }
-    }
-}
-
-/// What stands at the head of each segment.
-#[derive(Clone, Debug, Default)]
-pub struct Head {
-    /// `bustape.recording`.
-    pub recording: Facts,
-    /// `bustape.clock`.
-    pub clock: Facts,
-    /// The buses, in order; their facts become `bustape.bus.<name>`.
-    pub buses: Vec<(String, Facts)>,
-    /// Any other metadata.
-    pub more: Vec<(String, Facts)>,
-    /// Definitions and configuration, byte-exact.
-    pub attachments: Vec<Attachment>,
-    /// When the segment was started.
-    pub time: Timestamp,
-}
 
 /// The segment file being written.
 pub struct SegmentWriter {
@@ -105,6 +43,7 @@ struct Bus {
     raw: Option<u16>,
     gaps: Option<u16>,
     stats: Option<u16>,
+    errors: Option<u16>,
     batch: BatchBuilder,
     /// Frames in batches of the open chunk.
     batched: usize,
@@ -208,6 +147,15 @@ impl SegmentWriter {
         let channel = self.bus_channel(bus, known, "gaps", schema::GAP)?;
         self.buses[bus].gaps = Some(channel);
         self.add_message(channel, time, &message::gap(gap));
+        Ok(())
+    }
+
+    /// Adds what an error frame says, beside the frame itself.
+    pub fn add_error(&mut self, bus: usize, time: Timestamp, error: &CanError) -> io::Result<()> {
+        let known = self.buses[bus].errors;
+        let channel = self.bus_channel(bus, known, "errors", schema::CAN_ERROR)?;
+        self.buses[bus].errors = Some(channel);
+        self.add_message(channel, time, &message::can_error(error));
         Ok(())
     }
 
@@ -430,6 +378,7 @@ impl Bus {
             raw: None,
             gaps: None,
             stats: None,
+            errors: None,
             batch: BatchBuilder::new(batch_frames),
             batched: 0,
             pending: 0,

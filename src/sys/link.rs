@@ -30,6 +30,10 @@ pub struct Link {
     pub mtu: u32,
     /// What made it (`IFLA_INFO_KIND`): `can` for a controller, `vcan`, `vxcan`, ...
     pub kind: Option<String>,
+    /// What a CAN controller may do: `enum can_state` of `linux/can/netlink.h`.
+    pub state: Option<u32>,
+    /// A CAN controller's counters of errors in transmitting and receiving.
+    pub errors: Option<(u16, u16)>,
 }
 
 impl Link {

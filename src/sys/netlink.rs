@@ -141,14 +141,29 @@ fn link(body: &[u8]) -> Option<Link> {
             libc::IFLA_IFNAME => link.name = text(value),
             libc::IFLA_MTU => link.mtu = u32_at(value, 0).unwrap_or(0),
             libc::IFLA_LINKINFO => {
-                link.kind = attributes(value)
-                    .find(|(kind, _)| *kind == libc::IFLA_INFO_KIND)
-                    .map(|(_, value)| text(value));
+                let of_kind = |kind| attributes(value).find(|(known, _)| *known == kind);
+                link.kind = of_kind(libc::IFLA_INFO_KIND).map(|(_, value)| text(value));
+                let data = of_kind(libc::IFLA_INFO_DATA).map_or(&[][..], |(_, value)| value);
+                if link.kind.as_deref() == Some("can") {
+                    add_controller(&mut link, data);
+                }
             }
             _ => {}
         }
     }
     Some(link)
+}
+
+/// What the attributes of `linux/can/netlink.h` say of a controller's state.
+fn add_controller(link: &mut Link, data: &[u8]) {
+    for (kind, value) in attributes(data) {
+        match i32::from(kind) {
+            libc::IFLA_CAN_STATE => link.state = u32_at(value, 0),
+            // struct can_berr_counter: txerr, rxerr.
+            libc::IFLA_CAN_BERR_COUNTER => link.errors = u16_at(value, 0).zip(u16_at(value, 2)),
+            _ => {}
+        }
+    }
 }
 
 /// Type and value of each attribute. Ends at the first that is not whole.
@@ -204,9 +219,26 @@ mod tests {
             up: true,
             mtu: 72,
             kind: Some("vcan".into()),
+            ..Link::default()
         };
         let found: Vec<_> = messages(&bytes).collect();
         assert_eq!(found, [LinkMessage::Link(expected), LinkMessage::Done]);
+    }
+
+    #[test]
+    fn a_controller_tells_its_state_and_its_counters() {
+        let mut data = Vec::new();
+        attribute(&mut data, 1, &[0; 32]);
+        attribute(&mut data, 4, &2u32.to_ne_bytes());
+        attribute(&mut data, 8, &[130u16.to_ne_bytes(), 7u16.to_ne_bytes()].concat());
+        let mut info = Vec::new();
+        attribute(&mut info, libc::IFLA_INFO_KIND, b"can\0");
+        attribute(&mut info, libc::IFLA_INFO_DATA, &data);
+        let mut body = vec![0; INFO];
+        attribute(&mut body, libc::IFLA_LINKINFO, &info);
+        let bytes = message(libc::RTM_NEWLINK, 0, &body);
+        let Some(LinkMessage::Link(link)) = messages(&bytes).next() else { panic!() };
+        assert_eq!((link.state, link.errors), (Some(2), Some((130, 7))));
     }
 
     #[test]

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use crate::frame::error;
 use crate::text::parse_duration;
 
 /// Something that can happen, perhaps on one bus only.
@@ -18,8 +19,11 @@ pub struct Condition {
 pub enum What {
     /// `gap`: something was lost.
     Gap,
-    /// `error frame`: a CAN error frame.
-    ErrorFrame,
+    /// `mark`: somebody has set a mark.
+    Mark,
+    /// `error frame`, `error frame CLASS`, `bus-off`, `error-passive`, `error-warning`: a CAN error
+    /// frame, of this class or about this.
+    ErrorFrame(Option<String>),
     /// `no MESSAGE for TIME`, or `no frames for TIME`.
     Silence {
         /// `None` for frames of any kind.
@@ -85,8 +89,8 @@ impl Comparison {
 
 /// For whoever has written something else.
 const FORMS: &str = "write MESSAGE.SIGNAL < NUMBER (or <=, >, >=, ==, !=), MESSAGE, \
-                     no MESSAGE for 5s, no frames for 5s, gap, or error frame, perhaps with BUS: in \
-                     front";
+                     no MESSAGE for 5s, no frames for 5s, gap, error frame, error frame CLASS, \
+                     bus-off, error-passive or error-warning, perhaps with BUS: in front; or mark";
 
 impl Condition {
     /// Reads a condition. The error is a sentence.
@@ -98,13 +102,29 @@ impl Condition {
         };
         let what = match rest.split_whitespace().collect::<Vec<_>>()[..] {
             ["gap"] => What::Gap,
-            ["error", "frame"] => What::ErrorFrame,
+            ["mark"] if bus.is_none() => What::Mark,
+            ["error", "frame"] => What::ErrorFrame(None),
+            ["error", "frame", class] => error_frame(class)?,
+            [class @ ("bus-off" | "error-passive" | "error-warning")] => error_frame(class)?,
             ["no", message, "for", time] => silence(message, time)?.ok_or_else(wrong)?,
             [message] if name(message).is_some() => What::Message(message.to_owned()),
             _ => signal(rest).ok_or_else(wrong)?,
         };
         Ok(Self { bus, what })
     }
+}
+
+/// States of the controller, beside what [`error::names`] has.
+const STATES: [&str; 2] = ["error-passive", "error-warning"];
+
+fn error_frame(class: &str) -> Result<What, String> {
+    let known = || STATES.into_iter().chain(error::names());
+    if known().any(|name| name == class) {
+        return Ok(What::ErrorFrame(Some(class.to_owned())));
+    }
+    let all: Vec<&str> = known().collect();
+    let class = class.escape_debug();
+    Err(format!("there is no class of error frames {class}; there are {}", all.join(", ")))
 }
 
 fn silence(message: &str, time: &str) -> Result<Option<What>, String> {
@@ -142,7 +162,9 @@ impl fmt::Display for Condition {
         }
         match &self.what {
             What::Gap => write!(f, "gap"),
-            What::ErrorFrame => write!(f, "error frame"),
+            What::Mark => write!(f, "mark"),
+            What::ErrorFrame(None) => write!(f, "error frame"),
+            What::ErrorFrame(Some(class)) => write!(f, "error frame {class}"),
             What::Silence { message, nanos } => {
                 let message = message.as_deref().unwrap_or("frames");
                 write!(f, "no {message} for {}.{:09}", nanos / 1_000_000_000, nanos % 1_000_000_000)
@@ -166,7 +188,9 @@ mod tests {
     fn conditions_are_read_as_people_write_them() {
         let what = |text: &str| Condition::parse(text).unwrap().what;
         assert_eq!(what("gap"), What::Gap);
-        assert_eq!(what(" error  frame "), What::ErrorFrame);
+        assert_eq!(what(" error  frame "), What::ErrorFrame(None));
+        assert_eq!(what("bus-off"), What::ErrorFrame(Some("bus-off".into())));
+        assert_eq!(what("error frame stuff"), What::ErrorFrame(Some("stuff".into())));
         let silence = What::Silence { message: Some("BATMON_2".into()), nanos: 5_000_000_000 };
         assert_eq!(what("no BATMON_2 for 5s"), silence);
         assert_eq!(
@@ -205,6 +229,7 @@ mod tests {
             "no a for 0s",
             "x y:gap",
             "a.b ! 3",
+            "error frame odd",
         ] {
             assert!(Condition::parse(text).is_err(), "{text}");
         }

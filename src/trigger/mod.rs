@@ -6,13 +6,15 @@
 
 mod commands;
 mod condition;
+mod listener;
 mod resolve;
 mod rule;
 mod watch;
 
 pub use commands::Commands;
 pub use condition::{Comparison, Condition, What};
-pub use watch::{Fired, Triggers};
+pub use listener::Known;
+pub use watch::{Fired, Triggers, Window};
 
 /// A trigger as it is configured.
 #[derive(Clone, Debug, serde::Deserialize, serde::Serialize)]
@@ -29,7 +31,18 @@ pub struct TriggerForm {
     /// Shortest time between two firings.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub hold_off: Option<String>,
+    /// Keep what was recorded for this long before as a recording of its own.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub before: Option<String>,
+    /// The same for what follows.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub after: Option<String>,
     /// Program and arguments to run.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub run: Vec<String>,
+}
+
+impl TriggerForm {
+    /// The keys of its table.
+    pub const KEYS: [&str; 7] = ["name", "when", "until", "hold-off", "before", "after", "run"];
 }

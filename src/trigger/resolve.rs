@@ -1,40 +1,42 @@
 //! Names in conditions become numbers of buses, messages and signals, before anything is recorded.
 
-use std::sync::Arc;
-
+use super::listener::{Known, Listener};
 use super::rule::Rule;
-use super::watch::{Probe, Triggers, Watched};
-use super::{Condition, TriggerForm, What};
-use crate::decode::bus::CanBus;
-use crate::decode::definition::CanDefinition;
+use super::watch::{Triggers, Watched};
+use super::{Condition, TriggerForm, What, Window};
 use crate::text::parse_duration;
-
-type Buses<'a> = &'a [(String, Option<Arc<CanDefinition>>)];
 
 /// Names that are at least so much alike are meant (Jaro-Winkler, 0 to 1).
 const ALIKE: f64 = 0.7;
 
 /// See [`Triggers::new`].
-pub fn triggers(forms: &[TriggerForm], buses: Buses<'_>) -> Result<Triggers, String> {
-    let watched = buses.iter().map(|(name, definition)| Watched {
-        name: name.clone(),
-        can: definition.clone().map(CanBus::new),
-        messages: vec![Vec::new(); definition.as_ref().map_or(0, |d| d.messages().len())],
+pub fn triggers(
+    forms: &[TriggerForm],
+    buses: Vec<(String, Option<Known>)>,
+) -> Result<Triggers, String> {
+    let watched = buses.into_iter().map(|(name, known)| Watched {
+        name,
+        listener: known.map(Listener::new),
         ..Watched::default()
     });
-    let mut triggers = Triggers { rules: Vec::new(), buses: watched.collect() };
+    let buses = watched.collect();
+    let mut triggers = Triggers { rules: Vec::new(), buses, marks: Vec::new() };
     for form in forms {
         let named = form.name.as_deref().unwrap_or(&form.when);
-        add(form, buses, &mut triggers).map_err(|why| format!("trigger {named}: {why}"))?;
+        add(form, &mut triggers).map_err(|why| format!("trigger {named}: {why}"))?;
     }
     Ok(triggers)
 }
 
-fn add(form: &TriggerForm, buses: Buses<'_>, triggers: &mut Triggers) -> Result<(), String> {
+fn add(form: &TriggerForm, triggers: &mut Triggers) -> Result<(), String> {
     let name = form.name.clone().unwrap_or_else(|| form.when.clone());
     let mut rule = Rule::new(name, form.when.clone());
     if let Some(time) = &form.hold_off {
-        rule.hold_off = u64::try_from(parse_duration(time)?.as_nanos()).unwrap_or(u64::MAX);
+        rule.hold_off = nanos(time)?;
+    }
+    if form.before.is_some() || form.after.is_some() {
+        let time = |time: &Option<String>| time.as_deref().map_or(Ok(0), nanos);
+        rule.window = Some(Window { before: time(&form.before)?, after: time(&form.after)? });
     }
     rule.has_until = form.until.is_some();
     rule.run.clone_from(&form.run);
@@ -43,7 +45,10 @@ fn add(form: &TriggerForm, buses: Buses<'_>, triggers: &mut Triggers) -> Result<
     if let What::Silence { nanos, .. } = when.what {
         rule.silence = Some(nanos);
     }
-    enter(&when, false, number, buses, &mut triggers.buses)?;
+    if when.what == What::Mark {
+        triggers.marks.push(number);
+    }
+    enter(&when, false, number, &mut triggers.buses)?;
     if let Some(until) = &form.until {
         let until = Condition::parse(until)?;
         if !matches!(until.what, What::Signal { .. } | What::Message(_)) {
@@ -52,30 +57,34 @@ fn add(form: &TriggerForm, buses: Buses<'_>, triggers: &mut Triggers) -> Result<
         if rule.silence.is_some() {
             return Err("a silence ends with the next message; it has no until".to_owned());
         }
-        enter(&until, true, number, buses, &mut triggers.buses)?;
+        enter(&until, true, number, &mut triggers.buses)?;
     }
     triggers.rules.push(rule);
     Ok(())
+}
+
+fn nanos(time: &str) -> Result<u64, String> {
+    Ok(u64::try_from(parse_duration(time)?.as_nanos()).unwrap_or(u64::MAX))
 }
 
 fn enter(
     condition: &Condition,
     until: bool,
     rule: usize,
-    buses: Buses<'_>,
     watched: &mut [Watched],
 ) -> Result<(), String> {
-    let about = about(condition.bus.as_deref(), buses)?;
+    let about = about(condition.bus.as_deref(), watched)?;
     let (message, signal) = match &condition.what {
+        What::Mark => return Ok(()),
         What::Gap => {
             for bus in about {
                 watched[bus].gaps.push(rule);
             }
             return Ok(());
         }
-        What::ErrorFrame => {
+        What::ErrorFrame(class) => {
             for bus in about {
-                watched[bus].error_frames.push(rule);
+                watched[bus].error_frames.push((rule, class.clone()));
             }
             return Ok(());
         }
@@ -87,50 +96,42 @@ fn enter(
         }
         What::Silence { message: Some(message), .. } | What::Message(message) => (message, None),
         What::Signal { message, signal, comparison, value } => {
-            (message, Some((signal, *comparison, *value)))
+            (message, Some((signal.as_str(), *comparison, *value)))
         }
     };
     let mut found = false;
-    for (bus, definition) in
-        about.iter().filter_map(|bus| Some((*bus, buses.get(*bus)?.1.as_ref()?)))
-    {
-        let of_name = definition.messages().iter().enumerate();
-        for (index, known) in of_name.filter(|(_, known)| known.name == *message) {
-            found = true;
-            let signal = match signal {
-                None => None,
-                Some((name, comparison, value)) => {
-                    let names = known.signals.iter().map(|signal| signal.name.as_str());
-                    let at = names.clone().position(|known| known == name);
-                    let what = format!("{message} has no signal {name}");
-                    Some((at.ok_or_else(|| suggest(&what, name, names))?, comparison, value))
-                }
-            };
-            watched[bus].messages[index].push(Probe { rule, until, signal });
+    for bus in &about {
+        let Some(listener) = watched.get_mut(*bus).and_then(|bus| bus.listener.as_mut()) else {
+            continue;
+        };
+        let entered = listener.enter(message, signal, (rule, until));
+        if let (Some(Err(names)), Some((name, ..))) = (&entered, signal) {
+            let what = format!("{message} has no signal {name}");
+            return Err(suggest(&what, name, names.iter().map(String::as_str)));
         }
+        found |= entered.is_some();
     }
-    if found { Ok(()) } else { Err(unknown(message, &about, buses)) }
+    if found { Ok(()) } else { Err(unknown(message, &about, watched)) }
 }
 
 /// The buses that a condition is about.
-fn about(bus: Option<&str>, buses: Buses<'_>) -> Result<Vec<usize>, String> {
-    let Some(bus) = bus else { return Ok((0..buses.len()).collect()) };
-    let names = buses.iter().map(|(name, _)| name.as_str());
+fn about(bus: Option<&str>, watched: &[Watched]) -> Result<Vec<usize>, String> {
+    let Some(bus) = bus else { return Ok((0..watched.len()).collect()) };
+    let names = watched.iter().map(|watched| watched.name.as_str());
     let at = names.clone().position(|name| name == bus);
     at.map(|at| vec![at]).ok_or_else(|| suggest(&format!("there is no bus {bus}"), bus, names))
 }
 
-fn unknown(message: &str, about: &[usize], buses: Buses<'_>) -> String {
-    let about = about.iter().filter_map(|bus| buses.get(*bus));
-    let definitions: Vec<_> = about.filter_map(|(_, definition)| definition.as_ref()).collect();
-    if definitions.is_empty() {
+fn unknown(message: &str, about: &[usize], watched: &[Watched]) -> String {
+    let about = about.iter().filter_map(|bus| watched.get(*bus)?.listener.as_ref());
+    let names: Vec<Vec<String>> = about.map(Listener::names).collect();
+    if names.is_empty() {
         return format!(
-            "nobody knows the message {message}: no CAN bus that it could be on is decoded; say with \
+            "nobody knows the message {message}: no bus that it could be on is decoded; say with \
              which protocol, as in decode = [\"can0=car.dbc\"]"
         );
     }
-    let names = definitions.iter().flat_map(|definition| definition.messages());
-    let names = names.map(|message| message.name.as_str());
+    let names = names.iter().flatten().map(String::as_str);
     suggest(&format!("there is no message {message}"), message, names)
 }
 

@@ -1,5 +1,6 @@
 //! When a trigger fires: once when its condition becomes true, not again before it was false.
 
+use super::Window;
 use crate::frame::Timestamp;
 
 /// A trigger's state.
@@ -15,6 +16,8 @@ pub struct Rule {
     pub has_until: bool,
     /// Program and arguments; may be empty.
     pub run: Vec<String>,
+    /// What is kept around it.
+    pub window: Option<Window>,
     /// For a silence: how long, nanoseconds.
     pub silence: Option<u64>,
     heard: Timestamp,
@@ -31,6 +34,7 @@ impl Rule {
             hold_off: 0,
             has_until: false,
             run: Vec::new(),
+            window: None,
             silence: None,
             heard: Timestamp(0),
             armed: true,

@@ -1,41 +1,38 @@
 //! Watches the frames of a recording for all triggers.
 
-use std::sync::Arc;
-
+use super::listener::{Heard, Known, Listener};
 use super::rule::Rule;
-use super::{Comparison, TriggerForm, resolve};
-use crate::decode::bus::{CanBus, CanItem};
-use crate::decode::can::{Match, Value};
-use crate::decode::definition::CanDefinition;
-use crate::frame::{CanFlags, CanFrame, Frame, Stamped, Timestamp};
+use super::{TriggerForm, resolve};
+use crate::frame::error::{BusState, CanError};
+use crate::frame::{CanFlags, Frame, Stamped, Timestamp};
 use crate::recording::event::Event;
 
 /// All triggers of a recording.
 pub struct Triggers {
     pub(super) rules: Vec<Rule>,
     pub(super) buses: Vec<Watched>,
+    /// Those that wait for marks.
+    pub(super) marks: Vec<usize>,
 }
 
 /// A bus, as far as a trigger is about it.
 #[derive(Default)]
 pub(super) struct Watched {
     pub name: String,
-    pub can: Option<CanBus>,
-    /// By message of the definition.
-    pub messages: Vec<Vec<Probe>>,
+    pub listener: Option<Listener>,
     pub frames: Vec<usize>,
     pub gaps: Vec<usize>,
-    pub error_frames: Vec<usize>,
+    /// Each with the class that it wants, if it wants one.
+    pub error_frames: Vec<(usize, Option<String>)>,
 }
 
-/// What a rule wants to know of a message.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Probe {
-    pub rule: usize,
-    /// It is the rule's `until`.
-    pub until: bool,
-    /// The signal, how it is compared and with what; `None` if it matters that the message came.
-    pub signal: Option<(usize, Comparison, f64)>,
+/// What is kept around a firing: nanoseconds before and after it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Window {
+    /// Before.
+    pub before: u64,
+    /// After.
+    pub after: u64,
 }
 
 /// A trigger has fired.
@@ -53,6 +50,8 @@ pub struct Fired {
     pub value: Option<f64>,
     /// What shall be run.
     pub run: Vec<String>,
+    /// What shall be kept as a recording of its own.
+    pub window: Option<Window>,
 }
 
 impl Fired {
@@ -68,10 +67,7 @@ impl Fired {
 impl Triggers {
     /// Resolves `forms` against the buses: their names, and what is known of their messages. The
     /// error is a sentence that names the trigger.
-    pub fn new(
-        forms: &[TriggerForm],
-        buses: &[(String, Option<Arc<CanDefinition>>)],
-    ) -> Result<Self, String> {
+    pub fn new(forms: &[TriggerForm], buses: Vec<(String, Option<Known>)>) -> Result<Self, String> {
         resolve::triggers(forms, buses)
     }
 
@@ -85,13 +81,29 @@ impl Triggers {
         self.rules.iter().any(|rule| !rule.run.is_empty())
     }
 
+    /// The longest time that a window reaches back, if there are windows, nanoseconds.
+    pub fn reach(&self) -> Option<u64> {
+        self.rules.iter().filter_map(|rule| rule.window).map(|window| window.before).max()
+    }
+
+    /// Somebody has set a mark.
+    pub fn mark(&mut self, time: Timestamp, fired: &mut Vec<Fired>) {
+        for number in &self.marks {
+            if let Some(rule) = self.rules.get_mut(*number)
+                && rule.happens(time)
+            {
+                fired.push(firing(rule, time, None, None));
+            }
+        }
+    }
+
     /// Takes what was recorded of bus number `bus`.
     pub fn take(&mut self, bus: usize, frame: &Stamped<Frame>, fired: &mut Vec<Fired>) {
-        let Self { rules, buses } = self;
+        let Self { rules, buses, .. } = self;
         let Some(watched) = buses.get_mut(bus) else { return };
         let time = frame.time;
         let name = &watched.name;
-        let mut happens = |which: &[usize]| {
+        let mut happens = |which: &mut dyn Iterator<Item = &usize>| {
             for number in which {
                 let Some(rule) = rules.get_mut(*number) else { continue };
                 if rule.happens(time) {
@@ -101,16 +113,19 @@ impl Triggers {
         };
         match &frame.value {
             Frame::Gap(_) => {
-                happens(&watched.gaps);
+                happens(&mut watched.gaps.iter());
                 // What came before a loss tells nothing about what follows.
-                if let Some(can) = &mut watched.can {
-                    can.finish(&mut |_| {});
+                if let Some(listener) = &mut watched.listener {
+                    listener.forget();
                 }
                 return;
             }
             Frame::Notice(_) => return,
             Frame::Can(can) if can.flags.has(CanFlags::ERROR) => {
-                return happens(&watched.error_frames);
+                let Some(error) = CanError::of(can) else { return };
+                let wanted = watched.error_frames.iter();
+                let wanted = wanted.filter(|(_, class)| is_about(&error, class.as_deref()));
+                return happens(&mut wanted.map(|(number, _)| number));
             }
             Frame::Can(_) | Frame::Serial(_) => {}
         }
@@ -119,20 +134,21 @@ impl Triggers {
                 rule.hears(time);
             }
         }
-        if let (Some(decoder), Frame::Can(can)) = (&mut watched.can, &frame.value) {
-            let (messages, name) = (&watched.messages, &watched.name);
-            decoder.feed(time, can, &mut |item| {
-                if let CanItem::Message(found) = item {
-                    let probes = messages.get(found.index).map_or(&[][..], |probes| probes);
-                    probe(probes, &found, can, (time, name), rules, fired);
-                }
-            });
+        let name = &watched.name;
+        if let Some(listener) = &mut watched.listener {
+            listener.take(frame, &mut |heard| probe(&heard, name, rules, fired));
         }
     }
 
     /// It is `time`: who waits for a silence may have heard enough of it.
     pub fn pass(&mut self, time: Timestamp, fired: &mut Vec<Fired>) {
-        for rule in &mut self.rules {
+        let Self { rules, buses, .. } = self;
+        for Watched { name, listener, .. } in buses {
+            if let Some(listener) = listener {
+                listener.pass(time, &mut |heard| probe(&heard, name, rules, fired));
+            }
+        }
+        for rule in rules {
             if rule.passes(time) {
                 fired.push(firing(rule, time, None, None));
             }
@@ -140,15 +156,19 @@ impl Triggers {
     }
 }
 
-fn probe(
-    probes: &[Probe],
-    found: &Match<'_>,
-    frame: &CanFrame,
-    (time, bus): (Timestamp, &String),
-    rules: &mut [Rule],
-    fired: &mut Vec<Fired>,
-) {
-    for probe in probes {
+fn is_about(error: &CanError, class: Option<&str>) -> bool {
+    match class {
+        None => true,
+        Some("error-passive") => error.state() == Some(BusState::Passive),
+        Some("error-warning") => error.state() == Some(BusState::Warning),
+        Some(class) => error.is_called(class),
+    }
+}
+
+/// Tells the rules that want to know of a message.
+fn probe(heard: &Heard<'_>, bus: &String, rules: &mut [Rule], fired: &mut Vec<Fired>) {
+    let time = heard.time;
+    for probe in &heard.probes {
         let Some(rule) = rules.get_mut(probe.rule) else { continue };
         let Some((signal, comparison, with)) = probe.signal else {
             if probe.until {
@@ -160,9 +180,14 @@ fn probe(
             }
             continue;
         };
-        // A signal that is not in the frame says nothing.
-        let Some(value) = value(found, frame, signal) else { continue };
-        let holds = comparison.holds(value, with);
+        // What repeats fulfils a condition if one of it does. What is not there says nothing.
+        let (mut found, mut holds) = (None, false);
+        (heard.values)(signal, &mut |value| {
+            if !holds {
+                (found, holds) = (Some(value), comparison.holds(value, with));
+            }
+        });
+        let Some(value) = found else { continue };
         if probe.until {
             if holds {
                 rule.rearm();
@@ -173,20 +198,6 @@ fn probe(
     }
 }
 
-fn value(found: &Match<'_>, frame: &CanFrame, signal: usize) -> Option<f64> {
-    let mut value = None;
-    found.decode(frame, |reading| {
-        if reading.signal == signal {
-            value = Some(match reading.value {
-                Value::Unsigned(number) => number as f64,
-                Value::Signed(number) => number as f64,
-                Value::Float(number) => number,
-            });
-        }
-    });
-    value
-}
-
 fn firing(rule: &Rule, time: Timestamp, bus: Option<&String>, value: Option<f64>) -> Fired {
     Fired {
         time,
@@ -195,5 +206,6 @@ fn firing(rule: &Rule, time: Timestamp, bus: Option<&String>, value: Option<f64>
         bus: bus.cloned(),
         value,
         run: rule.run.clone(),
+        window: rule.window,
     }
 }

@@ -28,8 +28,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     // What frames mean, as messages of a recording.
     ("channels", &["frame", "decode", "protocol", "recording"]),
     // What is waited for, and what is done then.
-    ("trigger", &["frame", "decode", "recording", "text"]),
-    ("address", &["capture", "simulate"]),
+    ("trigger", &["frame", "decode", "protocol", "recording", "text"]),
+    ("address", &["capture", "frame", "simulate"]),
     // Sends what was recorded: with the addresses, ports and codecs that capture has.
     (
         "replay",
@@ -70,7 +70,7 @@ const ARROWS: &[(&str, &[&str])] = &[
 /// Where an arrow is there for the sake of these names only.
 const ONLY: [(&str, &str, &[&str]); 3] = [
     // Sources push; what becomes of it is not theirs.
-    ("capture", "queue", &["Inlet"]),
+    ("capture", "queue", &["Inlet", "{Controller"]),
     ("record", "capture", &["BusFacts"]),
     // Decoded channels are messages of a recording.
     ("export", "recording", &["wire::{Field"]),

@@ -111,6 +111,30 @@ fn what_is_printed_can_be_fed_back() {
 }
 
 #[test]
+fn without_a_bus_a_template_is_printed_that_needs_nothing_but_a_bus_and_a_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let print = |text: &str| {
+        let file = write(folder.path(), text);
+        configured(&file, &["--print-config"]).expect(0).out
+    };
+    let template = print("");
+    let table: toml::Table = template.parse().unwrap();
+    assert_eq!(table["bus"].as_array().map(Vec::len), Some(0));
+    assert!(template.contains("# [[trigger]]"), "{template}");
+    let filled = template.replace("bus = []", "bus = [\"sim:hmi-can\"]");
+    let filled =
+        filled.replace("# dir = \"DIR\"", "dir = \".\"").replace("# count = \"N\"", "count = 20");
+    assert_eq!(print(&filled), filled);
+    // Also the trigger in it is one.
+    let (_, trigger) = template.split_once("# [[trigger]]").unwrap();
+    let trigger = format!("[[trigger]]{trigger}").replace("\n# ", "\n");
+    let ready = format!("{}\n{}", filled.replace("sim:hmi-can", "a=sim:hmi-can"), trigger);
+    let ready = ready.replace("decode = []", "decode = [\"a=hmi-can\"]");
+    let table: toml::Table = print(&ready).parse().unwrap();
+    assert_eq!(table["trigger"][0]["before"].as_str(), Some("60s"));
+}
+
+#[test]
 fn the_user_s_file_is_found_and_overrules_nothing_that_was_typed() {
     let folder = tempfile::tempdir().unwrap();
     std::fs::create_dir(folder.path().join("bustape")).unwrap();

@@ -151,6 +151,35 @@ fn a_boot_without_a_clock_gets_the_time_that_was_known_later() {
 }
 
 #[test]
+fn by_file_each_gets_the_time_that_was_known_at_its_own_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let to = folder.path().join("to");
+    std::fs::create_dir(&to).unwrap();
+    let file = |session: u32, tail: &str| {
+        folder.path().join(format!("plant_s{session:04}_0001_19700101T000003Z{tail}.mcap"))
+    };
+    // Never set; set an hour wrong; by then right. The last one is a window around a trigger.
+    let hour = 3_600_000_000_000;
+    segment(&file(1, ""), Layout::Frame, "first", 5, &[]);
+    segment(&file(2, ""), Layout::Batch, "second", 100, &[(3, wrong() + hour)]);
+    segment(&file(3, "_battery-low"), Layout::Frame, "third", 200, &[(0, wrong())]);
+    let run = |more: &[&str]| {
+        let mut all = args(&[&"retime", &folder.path(), &"--json"]);
+        all.extend(more.iter().map(Into::into));
+        let files = bustape(all).expect(0).json()["files"].as_array().unwrap().clone();
+        let number = |file: &serde_json::Value| file["offset_ns"].as_i64().unwrap();
+        (files.iter().map(number).collect::<Vec<_>>(), files)
+    };
+    assert_eq!(run(&["--dry-run"]).0, [wrong(); 3]);
+    let to = to.to_str().unwrap();
+    let (offsets, files) = run(&["--per-file", "-d", to]);
+    assert_eq!(offsets, [wrong() + hour, wrong() + hour, wrong()]);
+    let last = files[2]["output"].as_str().unwrap();
+    assert!(last.ends_with("plant_s0003_0001_20260921T141320Z_battery-low.mcap"), "{last}");
+    is_moved(&mcap::finished(Path::new(last)), &mcap::finished(&file(3, "_battery-low")), wrong());
+}
+
+#[test]
 fn it_says_what_it_would_do_and_does_it_by_hand_too() {
     let folder = tempfile::tempdir().unwrap();
     boot(folder.path(), Layout::Frame);

@@ -10,7 +10,8 @@ use bustape::decode::definition::CanDefinition;
 use bustape::frame::{
     CanFlags, CanFrame, Direction, Frame, Gap, GapReason, SerialBytes, Stamped, Timestamp, Unit,
 };
-use bustape::trigger::{Fired, TriggerForm, Triggers};
+use bustape::protocol::{Protocol, Settings};
+use bustape::trigger::{Fired, Known, TriggerForm, Triggers};
 
 use crate::support::mcap::{self, Mcap};
 use crate::support::messages;
@@ -31,8 +32,13 @@ fn triggers(forms: &[&str]) -> Result<Triggers, String> {
     let database = dbc::parse(DBC.as_bytes()).unwrap().database;
     let definition = CanDefinition::of_database("plant", database, false);
     let forms: Vec<_> = forms.iter().map(|text| form(text)).collect();
-    let buses = [("can".to_owned(), Some(Arc::new(definition))), ("line".to_owned(), None)];
-    Triggers::new(&forms, &buses)
+    let protocol = Protocol::built_in("zhongheng-09", Settings::default()).unwrap().unwrap();
+    let buses = vec![
+        ("can".to_owned(), Some(Known::Can(Arc::new(definition)))),
+        ("line".to_owned(), None),
+        ("rectifier".to_owned(), Some(Known::Serial(Arc::new(protocol)))),
+    ];
+    Triggers::new(&forms, buses)
 }
 
 fn can(second: u64, id: u32, data: &[u8]) -> Stamped<Frame> {
@@ -122,6 +128,12 @@ fn what_nobody_could_ever_see_is_refused_with_a_suggestion() {
         ("when = \"BAD.soc < 20\"", "there is no message BAD; did you mean BAT?"),
         ("when = \"cam: gap\"", "there is no bus cam; did you mean can?"),
         ("when = \"line: BAT\"", "nobody knows the message BAT"),
+        (
+            "when = \"rectifier: warn_infor.ac_fial == 1\"",
+            "warn_infor has no signal ac_fial; did you mean ac_fail?",
+        ),
+        ("when = \"warn_info\"", "there is no message warn_info; did you mean warn_infor?"),
+        ("when = \"error frame stuf\"", "there is no class of error frames stuf; there are "),
         ("when = \"BAT.soc\"", "is not a condition: write MESSAGE.SIGNAL < NUMBER"),
         ("when = \"no BAT for soon\"", "is not a duration"),
         ("when = \"gap\"\nuntil = \"gap\"", "until has to be a message"),
@@ -190,6 +202,38 @@ fn a_trigger_marks_the_recording_at_the_frame_s_own_time_and_runs_a_command() {
 }
 
 #[test]
+fn commands_of_serial_lines_and_messages_of_several_frames_can_be_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.mcap");
+    let text = format!(
+        "bus = [\"station=sim:hmi-can\", \"rect=sim:zhongheng-09\"]\n\
+         decode = [\"station=hmi-can\", \"rect=zhongheng-09\"]\noutput = \"{}\"\n\
+         [[trigger]]\nname = \"answer\"\nwhen = \"rect: warn_infor.ac_fail >= 0\"\n\
+         [[trigger]]\nname = \"request\"\nwhen = \"warn_infor_request\"\nhold-off = \"1h\"\n\
+         [[trigger]]\nname = \"never\"\nwhen = \"warn_infor.ac_fail > 255\"\n",
+        out.display()
+    );
+    let running = recorder(folder.path(), &text);
+    let part = out.with_extension("mcap.part");
+    until("both events", || {
+        let file = mcap::parse(&std::fs::read(&part).ok()?, false).ok()?;
+        (events(&file).len() >= 2).then_some(())
+    });
+    running.stop().expect(0);
+    let file = mcap::finished(&out);
+    for (time, event) in events(&file) {
+        let name = event["event_type"]["name"].as_str().unwrap();
+        let topic = match name {
+            "answer" => "/rect/warn_infor_response",
+            "request" => "/rect/warn_infor_request",
+            other => panic!("{other} has fired"),
+        };
+        // It is the first of its kind, and an answer is with its value.
+        assert_eq!(file.on(topic).next().unwrap().time, time, "{topic}");
+    }
+}
+
+#[test]
 fn commands_cannot_hold_up_the_end_and_failures_are_said() {
     let folder = tempfile::tempdir().unwrap();
     let (out, text) = configuration(
@@ -231,7 +275,7 @@ fn a_wrong_trigger_is_refused_before_a_file_is_made() {
     let folder = tempfile::tempdir().unwrap();
     for (trigger, sentence) in [
         ("[[trigger]]\nwhen = \"BATMON_3.sock < 20\"\n", "did you mean soc?"),
-        ("[[trigger]]\nwhem = \"gap\"\n", "line 5: unknown field `whem`"),
+        ("[[trigger]]\nwhem = \"gap\"\n", "line 5: a trigger has no whem; did you mean \"when\"?"),
         ("[[trigger]]\nname = \"x\"\n", "line 4: missing field `when`"),
         ("trigger = 3\n", "line 4: invalid type"),
     ] {

@@ -14,6 +14,7 @@
     reason = "a test that cannot go on fails by panicking"
 )]
 
+mod errors;
 mod frames;
 mod lab;
 mod links;
@@ -42,6 +43,7 @@ fn main() -> ExitCode {
     // The tests share two interfaces and one clock.
     args.test_threads = Some(1);
     let trials = [
+        errors::trials(),
         frames::trials(),
         loss::trials(),
         links::trials(),

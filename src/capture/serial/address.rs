@@ -70,6 +70,15 @@ impl SerialAddress {
         })
     }
 
+    /// True unless a device of it is missing.
+    pub fn is_there(&self) -> bool {
+        match self {
+            Self::Port { path, .. } | Self::Bridge { path, .. } => path.exists(),
+            Self::Tap { device, host, .. } => device.exists() && host.exists(),
+            Self::Pty { .. } => true,
+        }
+    }
+
     /// The bus's name when the user gives none: the last part of the path that stands for it.
     pub fn default_name(&self) -> String {
         let path = match self {

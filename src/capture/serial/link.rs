@@ -14,11 +14,13 @@ pub(crate) struct Link {
 }
 
 impl Link {
-    /// Links `path` to `target`. Replaces only a symlink that leads nowhere, as a recorder that
-    /// was killed leaves behind.
+    /// Links `path` to `target`, a terminal just made. Replaces only a symlink that leads nowhere, or
+    /// there, as a recorder that was killed leaves behind.
     pub fn make(path: &Path, target: &Path) -> Result<Self, CaptureError> {
         if let Ok(there) = fs::symlink_metadata(path) {
-            if path.exists() || !there.is_symlink() {
+            // Ours is new, so nobody can have linked to it: one that was killed had its number.
+            let left = there.is_symlink() && fs::read_link(path).is_ok_and(|to| to == target);
+            if !left && (path.exists() || !there.is_symlink()) {
                 let leads = fs::read_link(path)
                     .map(|t| format!(", which leads to {}", t.display()))
                     .unwrap_or_default();
@@ -67,9 +69,15 @@ mod tests {
 
         symlink("/nowhere/at/all", &path).unwrap();
         let link = Link::make(&path, &target).unwrap();
-        let error = Link::make(&path, &target).unwrap_err().to_string();
+        let other = root.path().join("other");
+        let error = Link::make(&path, &other).unwrap_err().to_string();
         assert!(error.contains("something is there already, which leads to"), "{error}");
         drop(link);
+        assert!(fs::symlink_metadata(&path).is_err());
+
+        // The number of a terminal is given to the next one.
+        symlink(&target, &path).unwrap();
+        drop(Link::make(&path, &target).unwrap());
         assert!(fs::symlink_metadata(&path).is_err());
 
         fs::write(&path, "mine").unwrap();

@@ -3,9 +3,12 @@
 use super::hardware::HardwareTime;
 use super::message::{Stamps, decode};
 use crate::clock::Stamper;
+use crate::frame::error::{BusState, CanError};
 use crate::frame::{CanFlags, Frame, GapReason, Level, Stamped, Timestamp};
-use crate::queue::Inlet;
+use crate::queue::{Controller, Inlet};
 use crate::sys::RawMessage;
+
+const SECOND: u64 = 1_000_000_000;
 
 /// Puts what is read from one interface into the recording.
 pub(super) struct Reader {
@@ -17,8 +20,13 @@ pub(super) struct Reader {
     frames: Vec<Stamped<Frame>>,
     drops: Drops,
     outage: Option<Outage>,
-    /// Told after the frames that are in hand, so that nothing in the recording goes back.
+    /// Told after the frames that are in hand, so that nothing in the recording goes back, and at
+    /// most once a second: a controller may change its state with every frame.
     news: Option<String>,
+    controller: Controller,
+    /// Its state, as far as it was told.
+    told_state: Option<BusState>,
+    told_at: Timestamp,
     /// When reading began.
     began: Timestamp,
     /// When the last frame was received.
@@ -54,6 +62,8 @@ struct Outage {
     from: Timestamp,
     /// When it was seen to be down; `None` while there is only the socket's word for it.
     seen: Option<Timestamp>,
+    /// The controller has left the bus: its link is up, and it says itself when it is back.
+    bus_off: bool,
 }
 
 impl Reader {
@@ -69,6 +79,9 @@ impl Reader {
             drops: Drops::default(),
             outage: None,
             news: None,
+            controller: Controller::default(),
+            told_state: None,
+            told_at: Timestamp(0),
             began,
             last: None,
             told_hardware: false,
@@ -96,16 +109,20 @@ impl Reader {
                 ended = true;
                 break;
             }
-            self.end_outage_before(time);
+            let error = CanError::of(&message.frame);
+            self.end_outage_before(time, error.as_ref());
             if let Some(count) = message.stamps.drops.and_then(|drops| self.drops.new_at(drops)) {
                 self.flush();
                 self.inlet.gap(GapReason::KernelQueue, count, self.last(), time);
             }
             self.frames.push(Stamped { time, value: Frame::Can(message.frame) });
             self.last = Some(time);
+            if let Some(error) = error {
+                self.hear(&error, time);
+            }
         }
         self.flush();
-        self.tell_news();
+        self.tell_news(now);
         (!ended).then_some(now)
     }
 
@@ -126,7 +143,8 @@ impl Reader {
     /// received before that or, if it is back already, after.
     pub(super) fn link_lost(&mut self, known: Timestamp) {
         if self.outage.is_none() {
-            self.outage = Some(Outage { from: known.max(self.last()), seen: None });
+            let from = known.max(self.last());
+            self.outage = Some(Outage { from, seen: None, bus_off: false });
         }
     }
 
@@ -136,7 +154,11 @@ impl Reader {
         let (now, last) = (self.stamper.begin_read(), self.last());
         match &mut self.outage {
             Some(outage) if outage.seen.is_none() => {
-                *outage = Outage { from: outage.from.max(last), seen: Some(now) };
+                *outage = Outage { from: outage.from.max(last), seen: Some(now), ..*outage };
+                true
+            }
+            Some(outage) if outage.bus_off => {
+                outage.bus_off = false;
                 true
             }
             _ => false,
@@ -154,11 +176,65 @@ impl Reader {
         self.news = Some(format!("{name} is up again: nothing recorded for {seconds}.{rest:03} s"));
     }
 
-    /// What happened to the link, if that has not been told yet.
-    pub(super) fn tell_news(&mut self) {
+    /// What happened to the link and the controller, if that has not been told yet.
+    pub(super) fn tell_news(&mut self, now: Timestamp) {
+        let state = self.controller.state;
+        if self.news.is_none() && state == self.told_state || now.since(self.told_at) < SECOND {
+            return;
+        }
+        self.told_at = now;
         if let Some(text) = self.news.take() {
             self.inlet.notice(Level::Info, text);
         }
+        if let Some(state) = state.filter(|_| state != self.told_state) {
+            // That a controller is as it should be is worth no line at the beginning.
+            if self.told_state.is_some() || state != BusState::Active {
+                let level = if state == BusState::Active { Level::Info } else { Level::Warning };
+                let counters = self.controller.errors.map_or(String::new(), |(tx, rx)| {
+                    format!(" (error counters: transmitting {tx}, receiving {rx})")
+                });
+                self.inlet.notice(level, format!("{} is {state} now{counters}", self.name));
+            }
+        }
+        self.told_state = state;
+    }
+
+    /// What the kernel says of the controller, once a second. What it does not say stays as the
+    /// latest error frame had it.
+    pub(super) fn look_at(&mut self, state: Option<BusState>, errors: Option<(u32, u32)>) {
+        let Controller { state: before, errors: counted } = self.controller;
+        self.set_controller(state.or(before), errors.or(counted));
+    }
+
+    /// What an error frame says of the controller.
+    fn hear(&mut self, error: &CanError, time: Timestamp) {
+        let Controller { state, errors } = self.controller;
+        let counted = error.counters().map(|(tx, rx)| (u32::from(tx), u32::from(rx)));
+        self.set_controller(error.state().or(state), counted.or(errors));
+        if error.state() == Some(BusState::BusOff) {
+            self.bus_off(time);
+        }
+    }
+
+    fn set_controller(&mut self, state: Option<BusState>, errors: Option<(u32, u32)>) {
+        let controller = Controller { state, errors };
+        if controller != self.controller {
+            self.controller = controller;
+            self.inlet.tally().set_controller(controller);
+        }
+    }
+
+    /// The controller has left the bus.
+    pub(super) fn bus_off(&mut self, time: Timestamp) {
+        if self.outage.is_none() {
+            let from = time.max(self.last());
+            self.outage = Some(Outage { from, seen: Some(from), bus_off: true });
+        }
+    }
+
+    /// True while the controller is known to be off the bus.
+    pub(super) fn is_bus_off(&self) -> bool {
+        self.outage.is_some_and(|outage| outage.bus_off)
     }
 
     /// True while the link is not known to be there.
@@ -168,6 +244,8 @@ impl Reader {
 
     /// The recording ends at `end`, whether the link is there or not.
     pub(super) fn finish(&mut self, end: Timestamp) {
+        self.told_at = Timestamp(0);
+        self.tell_news(end);
         if let Some(outage) = self.outage.take() {
             self.inlet.gap(GapReason::LinkDown, 0, outage.from, end.max(outage.from));
         }
@@ -175,9 +253,16 @@ impl Reader {
 
     /// A frame received at `time` proves that the link is there, unless it was on its way
     /// through the kernel when the link went down.
-    fn end_outage_before(&mut self, time: Timestamp) {
+    fn end_outage_before(&mut self, time: Timestamp, error: Option<&CanError>) {
+        // Off the bus, a controller may still tell of errors, but hears no frames.
+        let still_off = error.is_some_and(|e| !e.state().is_some_and(|s| s < BusState::BusOff));
+        if self.is_bus_off() && still_off {
+            return;
+        }
         match &mut self.outage {
-            Some(Outage { from, seen: Some(seen) }) if time <= *seen => *from = (*from).max(time),
+            Some(Outage { from, seen: Some(seen), .. }) if time <= *seen => {
+                *from = (*from).max(time)
+            }
             Some(Outage { seen: Some(_), .. }) => self.link_up(time),
             _ => {}
         }

@@ -12,6 +12,7 @@ use super::port::Port;
 use super::reader::Reader;
 use super::{CanOptions, CanSettings, SocketCan, interfaces, open};
 use crate::capture::{CaptureError, Stop};
+use crate::frame::error::BusState;
 use crate::frame::{Level, Timestamp};
 use crate::queue::Inlet;
 use crate::sys::link::{self, Link, LinkWatch};
@@ -141,6 +142,7 @@ impl Capture {
             Ok(link) => self.look_at(link)?,
             Err(error) => self.tell_failure(&error),
         }
+        self.reader.tell_news(now);
         let soon = if self.reader.is_down() { CHECK_DOWN } else { CHECK };
         self.next_check = Instant::now() + soon;
         Ok(())
@@ -168,10 +170,17 @@ impl Capture {
     fn look_at(&mut self, link: Option<Link>) -> io::Result<()> {
         let name = &self.settings.interface;
         let Some(link) = link else {
-            let text = format!("{name} is gone: recording goes on when it is back");
+            let text = match renamed(self.index) {
+                Some(new) => format!(
+                    "{name} is called {new} now: recording goes on when there is a {name} again"
+                ),
+                None => format!("{name} is gone: recording goes on when it is back"),
+            };
             self.down(text);
             return self.let_go();
         };
+        let state = link.state.and_then(bus_state);
+        self.reader.look_at(state, link.errors.map(|(tx, rx)| (tx.into(), rx.into())));
         if link.index != self.index {
             let text = format!("{name} is another interface now: recording goes on with that");
             self.down(text);
@@ -180,12 +189,15 @@ impl Capture {
         if !link.up {
             let text = format!("{name} is down: recording goes on when it is up");
             self.down(text);
+        } else if state == Some(BusState::BusOff) {
+            self.reader.bus_off(self.known);
+        } else if self.reader.is_bus_off() && state.is_none() {
+            // The kernel does not know; the controller will say so itself.
         } else if self.reader.is_down() {
             // The first frame after the outage says more exactly when it ended.
             let now = self.reader.inlet.timeline().now();
             self.drain(FOREVER, READS)?;
             self.reader.link_up(now);
-            self.reader.tell_news();
             self.known = now;
             self.told_failure = false;
         }
@@ -254,6 +266,23 @@ impl Capture {
         self.reader.settle(drops, end);
         self.reader.finish(end);
         Ok(())
+    }
+}
+
+/// The name that an interface has now.
+fn renamed(index: u32) -> Option<String> {
+    let links = link::links().ok()?;
+    links.into_iter().find(|link| link.index == index).map(|link| link.name)
+}
+
+/// `enum can_state` of `linux/can/netlink.h`; stopped and sleeping controllers are down.
+fn bus_state(state: u32) -> Option<BusState> {
+    match state {
+        0 => Some(BusState::Active),
+        1 => Some(BusState::Warning),
+        2 => Some(BusState::Passive),
+        3 => Some(BusState::BusOff),
+        _ => None,
     }
 }
 

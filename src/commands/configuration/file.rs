@@ -62,6 +62,7 @@ pub fn read(path: &Path, record: &Command) -> Result<(Vec<Setting>, Option<Vec<T
     let (mut settings, mut triggers) = (Vec::new(), None);
     for (key, value) in table.get_ref() {
         if key.get_ref().as_ref() == TRIGGER {
+            file.check_keys_of_triggers(value.get_ref())?;
             let waiting = toml::from_str::<Waiting>(&text).map_err(|error| file.toml(&error))?;
             triggers = Some(waiting.trigger);
             continue;
@@ -105,6 +106,13 @@ fn plain(value: &DeValue<'_>) -> Option<String> {
     }
 }
 
+/// The key that was probably meant.
+fn nearest<'a>(key: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let likeness = |known: &str| strsim::jaro_winkler(key, known);
+    let nearest = known.max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
+    nearest.filter(|known| likeness(known) >= ALIKE)
+}
+
 struct File<'a> {
     path: &'a Path,
     text: &'a str,
@@ -126,15 +134,36 @@ impl File<'_> {
     }
 
     fn unknown(&self, key: &str, span: Range<usize>, record: &Command) -> anyhow::Error {
-        let likeness = |known: &str| strsim::jaro_winkler(key, known);
-        let nearest =
-            keys(record).map(|(known, _)| known).max_by(|a, b| likeness(a).total_cmp(&likeness(b)));
-        let text = match nearest.filter(|known| likeness(known) >= ALIKE) {
+        let nearest = nearest(key, keys(record).map(|(known, _)| known));
+        let text = match nearest {
             Some(known) => format!("there is no key \"{key}\"; did you mean \"{known}\"?"),
             None => {
                 format!("there is no key \"{key}\"; \"bustape record --print-config\" lists them")
             }
         };
         self.wrong(span, &text)
+    }
+
+    fn check_keys_of_triggers(&self, value: &DeValue<'_>) -> Result<()> {
+        // What is no list of tables is refused by its type.
+        let DeValue::Array(list) = value else { return Ok(()) };
+        let tables = list.iter().filter_map(|value| match value.get_ref() {
+            DeValue::Table(table) => Some(table),
+            _ => None,
+        });
+        for key in tables.flat_map(|table| table.keys()) {
+            let name = key.get_ref().as_ref();
+            if TriggerForm::KEYS.contains(&name) {
+                continue;
+            }
+            let text = match nearest(name, TriggerForm::KEYS.into_iter()) {
+                Some(known) => format!("a trigger has no {name}; did you mean \"{known}\"?"),
+                None => {
+                    format!("a trigger has no {name}, only {}", TriggerForm::KEYS.join(", "))
+                }
+            };
+            return Err(self.wrong(key.span(), &text));
+        }
+        Ok(())
     }
 }

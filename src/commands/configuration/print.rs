@@ -10,6 +10,19 @@ use crate::trigger::TriggerForm;
 /// Columns of a comment.
 const WIDTH: usize = 98;
 
+/// What stands in the place of triggers where there are none.
+pub const NO_TRIGGERS: &str = "
+# What is waited for, as many as there are (docs/triggers.md), behind everything else
+# [[trigger]]
+# name = \"battery low\"
+# when = \"BATMON_3.soc < 20\"
+# until = \"BATMON_3.soc > 25\"
+# hold-off = \"10m\"
+# before = \"60s\"
+# after = \"30s\"
+# run = [\"logger\", \"battery low\"]
+";
+
 /// What is set.
 pub fn plain(record: &Command, matches: &ArgMatches) -> String {
     let set = keys(record).filter_map(|(key, arg)| Some(line(key, &value(arg, matches)?)));

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::capture::BusFacts;
 use crate::frame::{CanFlags, Frame, Unit};
 use crate::queue::Tally;
-use crate::record::{RecordedBus, summary};
+use crate::record::{Account, RecordedBus, summary};
 use crate::recording::definition::Facts;
 
 /// The books of an import.
@@ -38,13 +38,8 @@ impl Books {
         let more = Facts::from([("kind".to_owned(), kind.to_owned())]);
         let facts = BusFacts { unit: Some(unit), more, ..BusFacts::default() };
         let tally = Arc::new(Tally::default());
-        let bus = RecordedBus {
-            name: name.to_owned(),
-            address: "imported".to_owned(),
-            facts,
-            tally,
-            stream: None,
-        };
+        let bus =
+            RecordedBus { name: name.to_owned(), address: "imported".to_owned(), facts, tally };
         let head = bus.head();
         self.buses.push(bus);
         head
@@ -77,7 +72,10 @@ impl Books {
 
     /// What stands at the end of the recording.
     pub fn summary(&self) -> Facts {
-        let counts: Vec<u64> = self.buses.iter().map(|bus| bus.tally.totals().written).collect();
-        summary("import", &self.buses, &counts)
+        let accounts = self.buses.iter().map(|bus| {
+            let totals = bus.tally.totals();
+            Account { bus, totals, in_segment: totals.written, stream: None }
+        });
+        summary("import", accounts)
     }
 }

@@ -21,7 +21,7 @@ use crate::frame::{GapReason, Timestamp, Unit};
 use crate::queue::Totals;
 use crate::record::{Progress, State, Target};
 use crate::recording::disk::{Disk as _, RealDisk, folder_of};
-use crate::recording::event::Event;
+use crate::recording::event::{Event, MARK};
 use crate::text::rfc3339;
 
 /// How long somebody who connects may take to say something.
@@ -125,6 +125,7 @@ impl Board {
                 "rate": rate.unwrap_or(0.0),
                 "received": totals.received,
                 "written": totals.written,
+                "outside": totals.outside,
                 "dropped": totals.lost(),
                 "dropped_by_reason": dropped,
                 "outages": totals.outages,
@@ -140,6 +141,8 @@ impl Board {
             "buses": buses.iter().zip(totals).enumerate().map(bus).collect::<Vec<_>>(),
             "file": state.file,
             "file_bytes": state.file_bytes,
+            "windows": state.windows,
+            "window": state.window,
             "bytes": state.earlier_bytes + state.file_bytes,
             "synced": state.synced.map(rfc3339),
             "synced_ms_ago": state.synced.map(|synced| now.since(synced) / 1_000_000),
@@ -187,7 +190,7 @@ async fn take(stream: UnixStream, progress: &Progress, timeline: &Timeline) -> O
     let answer = match String::from_utf8(bytes) {
         Ok(text) if text.is_empty() => return None,
         Ok(text) if text.len() <= LONGEST_MARK => {
-            let event = Event::new(time, "mark", vec![("text", text)]);
+            let event = Event::new(time, MARK, vec![("text", text)]);
             if progress.event(event) { TAKEN } else { "too many marks wait for the disk\n" }
         }
         _ => "the text is too long, or is not UTF-8\n",

@@ -8,7 +8,7 @@ use std::thread::JoinHandle;
 use crate::commands::record::Plan;
 use crate::frame::Level;
 use crate::record::leftovers::{Recovered, leftovers, recover_in_place};
-use crate::record::{Progress, Target};
+use crate::record::{Progress, Target, WINDOWS};
 use crate::recording::disk::{Disk as _, RealDisk};
 use crate::text::size;
 
@@ -36,7 +36,8 @@ impl Leftovers {
             Target::File(_) => PathBuf::new(),
         };
         // A folder that cannot be read is said by whoever creates the first segment in it.
-        let files = leftovers(&folder).unwrap_or_default();
+        let mut files = leftovers(&folder).unwrap_or_default();
+        files.extend(leftovers(&folder.join(WINDOWS)).unwrap_or_default());
         let min_free = plan.limits.as_ref().map_or(0, |limits| limits.min_free);
         Self { files, folder, min_free }
     }

@@ -12,6 +12,7 @@ use crate::recording::definition::Attachment;
 use crate::recording::disk::{Disk as _, RealDisk};
 use crate::recording::writer::WriterOptions;
 use crate::text::size;
+use crate::trigger::Triggers;
 
 /// Fewer segments than these could not be deleted one by one.
 const LEAST_SEGMENTS: u64 = 3;
@@ -30,6 +31,10 @@ pub struct Plan {
     pub pace: Pace,
     /// Bytes that may wait for the disk.
     pub queue: usize,
+    /// Bytes that may wait for a trigger.
+    pub window_memory: usize,
+    /// Nothing but windows around triggers is kept.
+    pub windows_only: bool,
     /// When to stop by itself.
     pub duration: Option<Duration>,
     /// After how many frames to stop.
@@ -68,10 +73,32 @@ impl Plan {
             },
             pace: Pace { chunk: args.chunk_time, sync: args.sync },
             queue: usize::try_from(args.queue).unwrap_or(usize::MAX),
+            window_memory: usize::try_from(args.window_memory).unwrap_or(usize::MAX),
+            windows_only: args.windows_only,
             duration: args.duration,
             count: args.count,
             configuration: None,
         })
+    }
+
+    /// Windows need a folder, and somebody who asks for them.
+    pub fn check_windows(&self, triggers: Option<&Triggers>) -> Result<()> {
+        let asked = triggers.and_then(Triggers::reach).is_some();
+        if asked && !matches!(self.target, Target::Folder(..)) {
+            bail!(UsageError(
+                "a trigger with \"before\" or \"after\" keeps a recording of its own in the folder \
+                 windows of --dir; record with --dir instead of --output"
+                    .to_owned()
+            ));
+        }
+        if self.windows_only && !asked {
+            bail!(UsageError(
+                "with --windows-only nothing would be kept: no [[trigger]] has \"before\" or \
+                 \"after\""
+                    .to_owned()
+            ));
+        }
+        Ok(())
     }
 
     /// Who deletes segments, where there may be too many.

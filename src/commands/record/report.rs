@@ -26,7 +26,7 @@ pub fn report(recorded: &Recorded, as_json: bool) -> Result<Ended> {
     if !recorded.errors.is_empty() {
         return Ok(Ended::WithLoss);
     }
-    if recorded.outcome.full {
+    if recorded.outcome.full || recorded.outcome.windows_incomplete {
         return Ok(Ended::WithLoss);
     }
     let stopped = recorded.outcome.streams.iter().any(|stream| stream.stopped().is_some());
@@ -36,9 +36,13 @@ pub fn report(recorded: &Recorded, as_json: bool) -> Result<Ended> {
 
 fn report_text(out: &mut impl std::io::Write, recorded: &Recorded) -> Result<()> {
     for ((name, unit), totals) in recorded.buses.iter().zip(&recorded.outcome.totals) {
+        let outside = match totals.outside {
+            0 => String::new(),
+            count => format!("outside of windows {} + ", grouped(count)),
+        };
         write!(
             out,
-            "{name}: received {} = written {} + dropped {} {}",
+            "{name}: received {} = written {} + {outside}dropped {} {}",
             grouped(totals.received),
             grouped(totals.written),
             grouped(totals.lost()),
@@ -60,7 +64,7 @@ fn report_text(out: &mut impl std::io::Write, recorded: &Recorded) -> Result<()>
     for stream in &recorded.outcome.streams {
         writeln!(out, "{}", printable(&definitions::sentence(stream)))?;
     }
-    for file in recorded.files() {
+    for file in recorded.files().iter().chain(&recorded.outcome.windows) {
         let bytes = std::fs::metadata(file).map_or(0, |m| m.len());
         let name = printable(&file.display().to_string());
         writeln!(out, "{name} ({})", size(bytes))?;
@@ -80,6 +84,7 @@ fn report_json(recorded: &Recorded) -> serde_json::Value {
                 "unit": unit.name(),
                 "received": totals.received,
                 "written": totals.written,
+                "outside": totals.outside,
                 "dropped": totals.lost(),
                 "dropped_by_reason": dropped,
             "outages": totals.outages,
@@ -90,6 +95,7 @@ fn report_json(recorded: &Recorded) -> serde_json::Value {
         "buses": buses.collect::<Vec<_>>(),
         "decoded": recorded.outcome.streams.iter().map(definitions::as_json).collect::<Vec<_>>(),
         "files": recorded.files(),
+        "windows": recorded.outcome.windows,
         "errors": recorded.errors,
     })
 }

@@ -24,8 +24,18 @@ pub struct Boot {
     id: String,
     /// Between steps of the wall clock.
     stretches: Vec<Stretch>,
-    /// Each segment, and its timeline minus the steady clock, where the file tells.
-    pub segments: Vec<(usize, Option<i128>)>,
+    /// Its segments.
+    pub segments: Vec<Known>,
+}
+
+/// What a segment tells of its clocks.
+pub struct Known {
+    /// Its number in the recording.
+    pub index: usize,
+    /// Its timeline minus the steady clock.
+    base: Option<i128>,
+    /// The last reading: the steady clock, and the wall clock minus that.
+    last: Option<(i128, i128)>,
 }
 
 /// Time in which nobody set the wall clock; on the steady clock.
@@ -57,10 +67,11 @@ pub fn boots(recording: &Recording) -> Vec<Boot> {
             segments: Vec::new(),
         });
         let base = readings[index].iter().map(|[time, steady, _]| time - steady).next();
-        boot.segments.push((index, base));
+        let last = readings[index].iter().map(|[_, s, wall]| (*s, wall - s)).max();
+        boot.segments.push(Known { index, base, last });
     }
     for boot in boots.values_mut() {
-        let of_boot = boot.segments.iter().flat_map(|(index, _)| &readings[*index]);
+        let of_boot = boot.segments.iter().flat_map(|known| &readings[known.index]);
         let mut clocks: Vec<(i128, i128)> = of_boot.map(|[_, s, wall]| (*s, wall - s)).collect();
         clocks.sort_unstable();
         boot.stretches = stretches(&clocks);
@@ -89,9 +100,21 @@ fn stretches(clocks: &[(i128, i128)]) -> Vec<Stretch> {
 }
 
 impl Boot {
-    /// By how much the times of `file` are to be moved, nanoseconds.
-    pub fn shift(&self, base: Option<i128>, file: &Path) -> Result<i64> {
-        let (Some(last), Some(base)) = (self.stretches.last(), base) else {
+    /// By how much the times of `file` are to be moved, nanoseconds: to what the wall clock said at
+    /// the end of the boot, or at the end of the file. Where it had not been set by then, what it
+    /// said next counts.
+    pub fn shift(&self, known: &Known, per_file: bool, file: &Path) -> Result<i64> {
+        let was_set = |steady: i128, offset: i128| steady + offset >= CLOCK_WORKED;
+        let own = known.last.filter(|(steady, offset)| per_file && was_set(*steady, *offset));
+        if let (Some((_, offset)), Some(base)) = (own, known.base) {
+            return Ok(i64::try_from(offset - base)?);
+        }
+        let later = |stretch: &&Stretch| {
+            let behind = known.last.is_none_or(|(steady, _)| stretch.from >= steady);
+            behind && was_set(stretch.to, stretch.offset)
+        };
+        let next = self.stretches.iter().find(later).filter(|_| per_file);
+        let (Some(last), Some(base)) = (next.or(self.stretches.last()), known.base) else {
             bail!(
                 "{} does not tell what the clocks said; give the offset with --offset",
                 file.display()

@@ -55,6 +55,7 @@ pub fn gap(text: &[u8]) -> Option<(&str, Gap)> {
         "overrun" => GapReason::Overrun,
         "adapter" => GapReason::Adapter,
         "disk" => GapReason::Disk,
+        "window_memory" => GapReason::WindowMemory,
         _ => GapReason::KernelQueue,
     };
     let (from, to) = rest.split_once(" to ")?;

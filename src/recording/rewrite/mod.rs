@@ -239,12 +239,18 @@ impl<'a> Rewrite<'a> {
         self.flush()
     }
 
-    /// False where the payload of a message is not even of the shape that its channel has.
+    /// False where the payload of a message is not even of the shape that its channel has, or its head
+    /// is not as we write it where it is one of ours.
     fn may_be_sound(&self, body: &[u8]) -> bool {
         let Some(message) = Message::of(body) else { return false };
         let channel = self.definitions.channel(message.channel);
-        if channel.is_none_or(|channel| channel.encoding != "protobuf") {
+        let Some(channel) = channel.filter(|channel| channel.encoding == "protobuf") else {
             return true;
+        };
+        let schema = self.definitions.schema(channel.schema);
+        let ours = schema.is_some_and(|schema| schema.name.starts_with("bustape."));
+        if ours && !has_our_head(body) {
+            return false;
         }
         let mut fields = Fields::of(message.data);
         fields.by_ref().for_each(drop);
@@ -394,6 +400,12 @@ fn attachment_crc(walk: &Walk<'_>, at: u64, length: u64) -> bool {
     }
     let stored = walk.bytes.get(end, 4);
     stored == [0; 4] || stored == crc.finalize().to_le_bytes()
+}
+
+/// True if a message has no sequence number, and two equal times.
+fn has_our_head(body: &[u8]) -> bool {
+    let (sequence, log, publish) = (body.get(2..6), body.get(6..14), body.get(14..22));
+    sequence == Some(&[0; 4]) && log == publish
 }
 
 fn record_of(opcode: u8, body: &[u8]) -> Vec<u8> {

@@ -12,7 +12,7 @@ use crate::protocol::Protocol;
 use crate::recording::definition::{Attachment, Facts, hex};
 
 /// What a bus is decoded with.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub struct Definition {
     /// As a person calls it, without folders: `hmi-can`, `car.dbc:j1939`.
     pub protocol: String,
@@ -23,12 +23,12 @@ pub struct Definition {
 }
 
 /// What the files of a definition say.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub enum Meaning {
     /// The messages of a CAN bus.
     Can(Arc<CanDefinition>),
     /// The commands of a serial line.
-    Serial(Box<Protocol>),
+    Serial(Arc<Protocol>),
 }
 
 impl Definition {
@@ -60,12 +60,12 @@ impl Definition {
         }
     }
 
-    /// Compiles it.
-    pub(super) fn decoder(self) -> Box<dyn Decode> {
+    /// Compiles it; without messages of one CAN frame unless `single`.
+    pub(super) fn decoder(self, single: bool) -> Box<dyn Decode> {
         let package = self.package();
         match self.meaning {
-            Meaning::Can(definition) => Box::new(CanChannels::new(definition, package)),
-            Meaning::Serial(protocol) => Box::new(SerialChannels::new(protocol.into(), package)),
+            Meaning::Can(definition) => Box::new(CanChannels::new(definition, package, single)),
+            Meaning::Serial(protocol) => Box::new(SerialChannels::new(protocol, package)),
         }
     }
 }

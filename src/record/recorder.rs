@@ -548,7 +548,7 @@ impl Recorder {
         self.add_events();
         let now = self.timeline.now();
         for bus in 0..self.buses.len() {
-            self.decode(bus, now, Stream::finish);
+            self.decode(bus, now, |stream, writer| stream.finish(writer));
         }
         self.cut();
         let Some(segment) = self.segment.take() else { return };

@@ -30,6 +30,8 @@ mod convert;
 mod decoded;
 mod disk;
 mod export;
+mod export_protocols;
+mod export_trouble;
 mod foxglove;
 mod hostile;
 mod import;

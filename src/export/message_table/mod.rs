@@ -1,17 +1,14 @@
-//! The table of a decoded channel: its columns by the schema of its messages, compiled once.
+//! The tables of a decoded channel: how its messages become rows.
+
+mod compile;
 
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use prost_reflect::{DescriptorPool, Kind as ProtoKind, MessageDescriptor};
+use super::table::{Row, Value};
+use crate::recording::wire::{Field, Fields, take_varint};
 
-use super::table::{Column, Kind, Row, Table, Value, make_unique};
-use crate::recording::wire::{Field, Fields};
-
-/// So deep messages inside of messages are followed.
-const DEEPEST: usize = 4;
-/// So many columns a table has at most.
-const MOST_COLUMNS: usize = 1 << 14;
+pub use compile::compile;
 
 /// A decoded channel, as the recording describes it.
 #[derive(Clone, Copy, Debug)]
@@ -28,11 +25,30 @@ pub struct Described<'a> {
     pub metadata: &'a BTreeMap<String, String>,
 }
 
-/// Makes rows of the messages of one channel.
+/// Makes rows of the messages of one channel: of a message one, or one of each element of something
+/// that repeats in it.
 #[derive(Clone, Debug)]
 pub struct MessagePlan {
-    root: Rc<Step>,
+    rows: Rc<Rows>,
     columns: usize,
+}
+
+/// Where the rows of a message come from.
+#[derive(Debug)]
+enum Rows {
+    /// The message itself.
+    One(Step),
+    /// A field that repeats: the numbers of the fields that lead to it. Its first column counts.
+    Each(Vec<u32>, Element),
+}
+
+/// One of what repeats.
+#[derive(Debug)]
+enum Element {
+    /// A number or text.
+    Value(Form),
+    /// A message.
+    Message(Step),
 }
 
 /// What to do with the fields of one message type.
@@ -58,7 +74,8 @@ enum Form {
     Unsigned,
     Signed,
     Zigzag,
-    Fixed,
+    Fixed32,
+    Fixed64,
     FixedSigned32,
     FixedSigned64,
     Float,
@@ -67,39 +84,74 @@ enum Form {
 }
 
 impl MessagePlan {
-    /// How rows are made, and the table they belong to. `None` when the type is not described, or
-    /// has no field that is `wanted`.
-    pub fn new(described: &Described<'_>, wanted: impl Fn(&str) -> bool) -> Option<(Self, Table)> {
-        let pool = DescriptorPool::decode(described.descriptor).ok()?;
-        let root = pool.get_message_by_name(described.schema)?;
-        let mut compiler =
-            Compiler { metadata: described.metadata, wanted: &wanted, columns: Vec::new() };
-        let step = compiler.step(&root, "", 0);
-        let mut columns = compiler.columns;
-        if columns.is_empty() {
-            return None;
+    /// Gives each row of an encoded message to `visit`; `row` is room for one. Where its bytes are
+    /// not a message, the values from there on are absent.
+    pub fn rows(&self, message: &[u8], row: &mut Row, mut visit: impl FnMut(&Row)) {
+        match &*self.rows {
+            Rows::One(step) => {
+                row.clear(self.columns);
+                fill(step, message, row);
+                visit(row);
+            }
+            Rows::Each(path, element) => {
+                let mut index = 0;
+                each(path, message, &mut |field| {
+                    let mut begin = |row: &mut Row| {
+                        row.clear(self.columns);
+                        if let Some(first) = row.cells.first_mut() {
+                            first.value = Value::Unsigned(index);
+                        }
+                        index += 1;
+                    };
+                    match (element, field) {
+                        (Element::Message(step), Field::Bytes(bytes)) => {
+                            begin(row);
+                            fill(step, bytes, row);
+                            visit(row);
+                        }
+                        (Element::Message(_), _) => {}
+                        (Element::Value(form), field) => unpack(*form, field, &mut |field| {
+                            begin(row);
+                            put(row, 1, *form, field);
+                            visit(row);
+                        }),
+                    }
+                });
+            }
         }
-        make_unique(&mut columns);
-        let plan = Self { root: Rc::new(step), columns: columns.len() };
-        let known = ["id", "pgn", "cycle_ms", "sender", "protocol"];
-        let facts = known.iter().filter_map(|key| {
-            let text = described.metadata.get(*key)?;
-            Some(((*key).to_owned(), text.clone()))
-        });
-        let table = Table {
-            bus: described.bus.to_owned(),
-            message: described.message.to_owned(),
-            comment: described.metadata.get("comment").cloned().unwrap_or_default(),
-            facts: facts.collect(),
-            columns,
-        };
-        Some((plan, table))
     }
+}
 
-    /// A row of an encoded message. Where its bytes are not one, the values from there on are absent.
-    pub fn row(&self, message: &[u8], row: &mut Row) {
-        row.clear(self.columns);
-        fill(&self.root, message, row);
+/// Gives each field at the end of `path` to `visit`.
+fn each(path: &[u32], message: &[u8], visit: &mut dyn FnMut(Field<'_>)) {
+    let Some((first, rest)) = path.split_first() else { return };
+    for (_, field) in Fields::of(message).filter(|(number, _)| number == first) {
+        match field {
+            Field::Bytes(inside) if !rest.is_empty() => each(rest, inside, visit),
+            field if rest.is_empty() => visit(field),
+            _ => {}
+        }
+    }
+}
+
+/// Gives each number of a field that may have many of them packed to `visit`.
+fn unpack(form: Form, field: Field<'_>, visit: &mut dyn FnMut(Field<'_>)) {
+    let Field::Bytes(mut rest) = field else { return visit(field) };
+    let fixed = match form {
+        Form::Text => return visit(Field::Bytes(rest)),
+        Form::Unsigned | Form::Signed | Form::Zigzag => 0,
+        Form::Fixed32 | Form::FixedSigned32 | Form::Float => 4,
+        Form::Fixed64 | Form::FixedSigned64 | Form::Double => 8,
+    };
+    if fixed == 0 {
+        while let Some(number) = take_varint(&mut rest) {
+            visit(Field::Uint(number));
+        }
+        return;
+    }
+    for bytes in rest.chunks_exact(fixed) {
+        let number = bytes.iter().rev().fold(0, |number, byte| number << 8 | u64::from(*byte));
+        visit(Field::Fixed(number));
     }
 }
 
@@ -125,9 +177,8 @@ fn fill(step: &Step, message: &[u8], row: &mut Row) {
 #[allow(clippy::cast_possible_truncation, reason = "fields of 32 bits")]
 fn put(row: &mut Row, column: usize, form: Form, field: Field<'_>) {
     let value = match (form, field) {
-        (Form::Unsigned, Field::Uint(number)) | (Form::Fixed, Field::Fixed(number)) => {
-            Value::Unsigned(number)
-        }
+        (Form::Unsigned, Field::Uint(number))
+        | (Form::Fixed32 | Form::Fixed64, Field::Fixed(number)) => Value::Unsigned(number),
         (Form::Signed, Field::Uint(number)) | (Form::FixedSigned64, Field::Fixed(number)) => {
             Value::Signed(number as i64)
         }
@@ -146,95 +197,4 @@ fn put(row: &mut Row, column: usize, form: Form, field: Field<'_>) {
     if let Some(cell) = row.cells.get_mut(column) {
         cell.value = value;
     }
-}
-
-struct Compiler<'a> {
-    metadata: &'a BTreeMap<String, String>,
-    wanted: &'a dyn Fn(&str) -> bool,
-    columns: Vec<Column>,
-}
-
-impl Compiler<'_> {
-    fn step(&mut self, message: &MessageDescriptor, path: &str, depth: usize) -> Step {
-        let mut step = Step::default();
-        let mut columns = BTreeMap::new();
-        let fields = || message.fields().filter(|field| !field.is_list() && !field.is_map());
-        for field in fields() {
-            let name = format!("{path}{}", field.name());
-            let place = match field.kind() {
-                ProtoKind::Message(inner) if depth < DEEPEST => {
-                    Place::Message(self.step(&inner, &format!("{name}."), depth + 1))
-                }
-                ProtoKind::Message(_) | ProtoKind::Enum(_) => continue,
-                kind => {
-                    let Some((kind, form)) = form_of(&kind) else { continue };
-                    let Some(column) = self.column(&name, kind) else { continue };
-                    columns.insert(field.name().to_owned(), column);
-                    Place::Value(column, form)
-                }
-            };
-            step.fields.push((field.number(), place));
-        }
-        for field in fields() {
-            let ProtoKind::Enum(values) = field.kind() else { continue };
-            let of = field.name().strip_suffix("_label").and_then(|name| columns.get(name));
-            let Some(&column) = of else { continue };
-            let path = format!("{path}{}", field.name().trim_end_matches("_label"));
-            let mut numbers = Vec::new();
-            let mut texts: Vec<Box<str>> = Vec::new();
-            for value in values.values() {
-                let text = self.metadata.get(&format!("label.{path}.{}", value.number()));
-                let text = text.map_or(value.name(), String::as_str);
-                let index = u32::try_from(texts.len()).unwrap_or(u32::MAX);
-                // Enums below 0 stand on the wire as 64 bits.
-                numbers.push((i64::from(value.number()) as u64, index));
-                texts.push(text.into());
-            }
-            numbers.sort_unstable();
-            numbers.dedup_by_key(|(number, _)| *number);
-            if let Some(column) = self.columns.get_mut(column) {
-                column.labels = Some(texts.into());
-            }
-            step.fields.push((field.number(), Place::Label(column, numbers)));
-        }
-        step.fields.sort_unstable_by_key(|(number, _)| *number);
-        step
-    }
-
-    fn column(&mut self, path: &str, kind: Kind) -> Option<usize> {
-        let fact = |what: &str| self.metadata.get(&format!("{what}.{path}"));
-        let name = fact("name").map_or(path, String::as_str);
-        if !(self.wanted)(name) || self.columns.len() >= MOST_COLUMNS {
-            return None;
-        }
-        self.columns.push(Column {
-            name: name.to_owned(),
-            kind,
-            unit: fact("unit").cloned().unwrap_or_default(),
-            few_values: kind == Kind::Unsigned(1),
-            ..Column::default()
-        });
-        Some(self.columns.len() - 1)
-    }
-}
-
-fn form_of(kind: &ProtoKind) -> Option<(Kind, Form)> {
-    Some(match kind {
-        ProtoKind::Double => (Kind::Float64, Form::Double),
-        ProtoKind::Float => (Kind::Float32, Form::Float),
-        ProtoKind::Int32 => (Kind::Signed(32), Form::Signed),
-        ProtoKind::Int64 => (Kind::Signed(64), Form::Signed),
-        ProtoKind::Sint32 => (Kind::Signed(32), Form::Zigzag),
-        ProtoKind::Sint64 => (Kind::Signed(64), Form::Zigzag),
-        ProtoKind::Sfixed32 => (Kind::Signed(32), Form::FixedSigned32),
-        ProtoKind::Sfixed64 => (Kind::Signed(64), Form::FixedSigned64),
-        ProtoKind::Uint32 => (Kind::Unsigned(32), Form::Unsigned),
-        ProtoKind::Uint64 => (Kind::Unsigned(64), Form::Unsigned),
-        ProtoKind::Fixed32 => (Kind::Unsigned(32), Form::Fixed),
-        ProtoKind::Fixed64 => (Kind::Unsigned(64), Form::Fixed),
-        ProtoKind::Bool => (Kind::Unsigned(1), Form::Unsigned),
-        ProtoKind::String => (Kind::Text, Form::Text),
-        ProtoKind::Bytes => (Kind::Bytes, Form::Text),
-        ProtoKind::Message(_) | ProtoKind::Enum(_) => return None,
-    })
 }

@@ -1,6 +1,6 @@
 """The Python side of `tables`: makes the log, and does the peers' work.
 
-    tables.py make N | run COMMAND | versions | sums FOLDER | again FOLDER
+    tables.py make N | run COMMAND | versions | sums FOLDER | again FOLDER | longer TIMES | peak COMMAND...
     tables.py asammdf-parquet | asammdf-csv | cantools-parquet
 """
 import glob
@@ -122,6 +122,24 @@ def run(command):
     print(usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024)
 
 
+def longer(times):
+    """The log so many times, one after the other, on stdout."""
+    with open("can.log") as file:
+        lines = [line.split(" ", 1) for line in file]
+    first, last = (float(lines[at][0][1:-1]) for at in (0, -1))
+    stamps = [(int(stamp[1:-8]), stamp[-8:]) for stamp, _ in lines]
+    for number in range(times):
+        shift = number * (int(last - first) + 1)
+        rows = zip(stamps, lines)
+        sys.stdout.writelines(f"({second + shift}{rest} {text}" for (second, rest), (_, text) in rows)
+
+
+def peak(command):
+    """Runs a command on stdin; writes the most memory it had, in MiB, to a file."""
+    subprocess.run(command, check=True)
+    print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024, file=open("peak", "w"))
+
+
 def extracted():
     from asammdf import MDF
 
@@ -196,6 +214,7 @@ def versions():
 
 
 WORK = {"make": lambda: make(int(sys.argv[2])), "run": lambda: run(sys.argv[2]), "sums": lambda: sums(sys.argv[2]),
+        "longer": lambda: longer(int(sys.argv[2])), "peak": lambda: peak(sys.argv[2:]),
         "again": lambda: again(sys.argv[2]), "versions": versions, "asammdf-parquet": asammdf_parquet,
         "asammdf-csv": asammdf_csv, "cantools-parquet": cantools_parquet}
 WORK[sys.argv[1]]()

@@ -26,6 +26,8 @@ pub struct CanChannels {
     bus: CanBus,
     messages: Messages,
     link: Sentences,
+    /// Messages of one frame are written, too.
+    single: bool,
 }
 
 /// How messages are encoded. Channels are numbered: messages, remote messages, assemblies.
@@ -43,8 +45,8 @@ struct Messages {
 }
 
 impl CanChannels {
-    /// Compiles the encoders. Types go into `package`.
-    pub fn new(definition: Arc<CanDefinition>, package: String) -> Self {
+    /// Compiles the encoders. Types go into `package`. Messages of one frame only with `single`.
+    pub fn new(definition: Arc<CanDefinition>, package: String, single: bool) -> Self {
         let grouped = definition.grouped();
         let names = definition.messages().iter().map(|message| message.name.as_str());
         let names = names.chain(definition.remotes().iter().map(|remote| remote.name.as_str()));
@@ -62,6 +64,7 @@ impl CanChannels {
             bus: CanBus::new(definition.clone()),
             messages: Messages { definition, encoders, grouped, types, package, assemblies },
             link: Sentences::default(),
+            single,
         }
     }
 }
@@ -75,9 +78,10 @@ impl Decode for CanChannels {
                 self.link.say(frame.time, text, out)?;
             }
             Frame::Can(can) => {
-                let messages = &self.messages;
+                let (messages, single) = (&self.messages, self.single);
                 self.bus.feed(frame.time, can, &mut |item| {
-                    if done.is_ok() {
+                    let wanted = single || !matches!(item, CanItem::Message(_));
+                    if wanted && done.is_ok() {
                         done = messages.write(&item, frame.time, can, out);
                     }
                 });

@@ -60,11 +60,11 @@ impl Definition {
         }
     }
 
-    /// Compiles it.
-    pub(super) fn decoder(self) -> Box<dyn Decode> {
+    /// Compiles it; without messages of one CAN frame unless `single`.
+    pub(super) fn decoder(self, single: bool) -> Box<dyn Decode> {
         let package = self.package();
         match self.meaning {
-            Meaning::Can(definition) => Box::new(CanChannels::new(definition, package)),
+            Meaning::Can(definition) => Box::new(CanChannels::new(definition, package, single)),
             Meaning::Serial(protocol) => Box::new(SerialChannels::new(protocol, package)),
         }
     }

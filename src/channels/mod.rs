@@ -22,4 +22,4 @@ mod stream;
 mod tests;
 
 pub use definition::{Definition, Meaning};
-pub use stream::{Counts, Stream};
+pub use stream::{Counts, Sink, Stream};

@@ -1,6 +1,6 @@
 //! The decoded channels of one bus, beside its raw one.
 //!
-//! Whatever happens here, the raw recording goes on: a decoder that fails or panics is not asked
+//! Whatever happens here, a raw recording goes on: a decoder that fails or panics is not asked
 //! again, and what it had begun to write is taken back.
 
 use std::io;
@@ -38,9 +38,66 @@ pub trait Decode: Send {
     fn finish(&mut self, out: &mut Out<'_>) -> io::Result<()>;
 }
 
-/// Where a decoder's messages go: the open segment.
+/// What decoded messages go into: the open segment of a recording, or tables.
+pub trait Sink {
+    /// How many channels there are.
+    fn channels(&self) -> usize;
+    /// Time of the latest message that waits to be written, if one does.
+    fn latest(&self) -> Option<Timestamp>;
+    /// Defines a channel; its number.
+    fn define(&mut self, definition: ChannelDefinition<'_>) -> io::Result<u16>;
+    /// Adds a message of a channel defined before; `write` appends its payload, and is called once.
+    /// The message was known at `now`, which may be later than its own time.
+    fn add(
+        &mut self,
+        channel: u16,
+        time: Timestamp,
+        now: Timestamp,
+        write: &mut dyn FnMut(&mut Vec<u8>),
+    ) -> io::Result<()>;
+    /// Adds a sentence about `name`.
+    fn notice(&mut self, time: Timestamp, name: &str, notice: &Notice) -> io::Result<()>;
+    /// Takes back a message whose `write` has panicked.
+    fn abandon(&mut self);
+}
+
+impl Sink for SegmentWriter {
+    fn channels(&self) -> usize {
+        Self::channels(self)
+    }
+
+    fn latest(&self) -> Option<Timestamp> {
+        self.pending_span().map(|(_, last)| last)
+    }
+
+    fn define(&mut self, definition: ChannelDefinition<'_>) -> io::Result<u16> {
+        Self::define(self, definition)
+    }
+
+    #[inline]
+    fn add(
+        &mut self,
+        channel: u16,
+        time: Timestamp,
+        now: Timestamp,
+        write: &mut dyn FnMut(&mut Vec<u8>),
+    ) -> io::Result<()> {
+        self.add_with(channel, time, now, write);
+        Ok(())
+    }
+
+    fn notice(&mut self, time: Timestamp, name: &str, notice: &Notice) -> io::Result<()> {
+        self.add_notice(time, name, notice)
+    }
+
+    fn abandon(&mut self) {
+        Self::abandon(self);
+    }
+}
+
+/// Where a decoder's messages go.
 pub struct Out<'a> {
-    writer: &'a mut SegmentWriter,
+    sink: &'a mut dyn Sink,
     names: &'a Names,
     ids: &'a mut Vec<u16>,
     now: Timestamp,
@@ -66,7 +123,7 @@ impl Out<'_> {
         channel: usize,
         time: Timestamp,
         define: impl FnOnce() -> Option<(String, Schema)>,
-        write: impl FnOnce(&mut Vec<u8>),
+        mut write: impl FnMut(&mut Vec<u8>),
     ) -> io::Result<()> {
         let id = match self.ids.get(channel) {
             Some(&id) if id != NONE => id,
@@ -75,14 +132,14 @@ impl Out<'_> {
                 None => return Ok(()),
             },
         };
-        self.writer.add_with(id, time, self.now, write);
+        self.sink.add(id, time, self.now, &mut write)?;
         self.counts.messages += 1;
         Ok(())
     }
 
     #[cold]
     fn define(&mut self, channel: usize, topic: &str, schema: Schema) -> io::Result<u16> {
-        if self.writer.channels() >= MOST_CHANNELS {
+        if self.sink.channels() >= MOST_CHANNELS {
             return Err(io::Error::other(format!(
                 "a file has room for {MOST_CHANNELS} decoded channels; use a definition with fewer \
                  messages"
@@ -91,7 +148,7 @@ impl Out<'_> {
         let Schema { name, descriptor, facts: mut metadata } = schema;
         metadata.insert("bus".to_owned(), self.names.bus.clone());
         metadata.insert("protocol".to_owned(), self.names.protocol.clone());
-        let id = self.writer.define(ChannelDefinition {
+        let id = self.sink.define(ChannelDefinition {
             topic: format!("/{}/{topic}", self.names.bus),
             encoding: "protobuf".to_owned(),
             schema: Some(SchemaDefinition { name: &name, encoding: "protobuf", data: &descriptor }),
@@ -107,7 +164,7 @@ impl Out<'_> {
     /// Adds a sentence to `/bustape/log`, about `what` of this bus.
     pub fn log(&mut self, time: Timestamp, what: &str, notice: &Notice) -> io::Result<()> {
         let name = format!("{}/{what}", self.names.bus);
-        self.writer.add_notice(time, &name, notice)
+        self.sink.notice(time, &name, notice)
     }
 }
 
@@ -126,9 +183,19 @@ pub struct Stream {
 impl Stream {
     /// Decodes `bus` by `definition`.
     pub fn new(bus: &str, definition: Definition) -> Self {
+        Self::compiled(bus, definition, true)
+    }
+
+    /// The same without messages of one CAN frame, for who decodes those another way: remote
+    /// messages, messages of several frames, and all of a serial line.
+    pub fn beside(bus: &str, definition: Definition) -> Self {
+        Self::compiled(bus, definition, false)
+    }
+
+    fn compiled(bus: &str, definition: Definition, single: bool) -> Self {
         let names = Names { bus: bus.to_owned(), protocol: definition.protocol.clone() };
         let facts = definition.facts();
-        Self::with(names, facts, definition.decoder())
+        Self::with(names, facts, definition.decoder(single))
     }
 
     #[cfg(test)]
@@ -186,38 +253,34 @@ impl Stream {
         self.ids.clear();
     }
 
-    /// Decodes a frame that was just added to `writer`. The error, once, is why it has stopped.
-    pub fn take(
-        &mut self,
-        frame: &Stamped<Frame>,
-        writer: &mut SegmentWriter,
-    ) -> Result<(), String> {
-        self.run(frame.time, writer, |decoder, out| decoder.take(frame, out))
+    /// Decodes a frame, in the order of the recording. The error, once, is why it has stopped.
+    pub fn take(&mut self, frame: &Stamped<Frame>, sink: &mut dyn Sink) -> Result<(), String> {
+        self.run(frame.time, sink, |decoder, out| decoder.take(frame, out))
     }
 
     /// Says that it is `time`, and nothing from before it will come any more.
-    pub fn pass(&mut self, time: Timestamp, writer: &mut SegmentWriter) -> Result<(), String> {
-        self.run(time, writer, |decoder, out| decoder.pass(time, out))
+    pub fn pass(&mut self, time: Timestamp, sink: &mut dyn Sink) -> Result<(), String> {
+        self.run(time, sink, |decoder, out| decoder.pass(time, out))
     }
 
     /// Says that nothing more comes.
-    pub fn finish(&mut self, writer: &mut SegmentWriter) -> Result<(), String> {
-        let now = writer.pending_span().map_or(Timestamp(0), |(_, last)| last);
-        self.run(now, writer, |decoder, out| decoder.finish(out))
+    pub fn finish(&mut self, sink: &mut dyn Sink) -> Result<(), String> {
+        let now = sink.latest().unwrap_or(Timestamp(0));
+        self.run(now, sink, |decoder, out| decoder.finish(out))
     }
 
     #[inline]
     fn run(
         &mut self,
         now: Timestamp,
-        writer: &mut SegmentWriter,
+        sink: &mut dyn Sink,
         work: impl FnOnce(&mut dyn Decode, &mut Out<'_>) -> io::Result<()>,
     ) -> Result<(), String> {
         if self.stopped.is_some() {
             return Ok(());
         }
         let Self { names, decoder, ids, counts, .. } = self;
-        let mut out = Out { writer, names, ids, now, counts };
+        let mut out = Out { sink, names, ids, now, counts };
         // What a panic leaves half done is not used again: the decoder is stopped, and the writer
         // takes back the message that was open.
         let done = catch_unwind(AssertUnwindSafe(|| work(&mut **decoder, &mut out)));
@@ -225,7 +288,7 @@ impl Stream {
             Ok(Ok(())) => return Ok(()),
             Ok(Err(error)) => error.to_string(),
             Err(panic) => {
-                out.writer.abandon();
+                out.sink.abandon();
                 said(&*panic)
             }
         };

@@ -99,7 +99,8 @@ pub enum Decimal {
 #[derive(Debug, Args)]
 #[command(after_help = "\
 FILE is a recording (several segments, or a folder, are one recording) or a log of another tool.
-PROTOCOL is hmi-can (built in), a DBC file, or FILE.dbc:j1939; without BUS= it is for every CAN bus.
+PROTOCOL is hmi-can or zhongheng-09 (built in), a .dbc file, FILE.dbc:j1939, or a .toml file;
+without BUS= it is for every CAN bus, or every serial line.
 Examples:
   bustape export trip.mcap --decode can0=car.dbc --format parquet -o trip
   bustape export can.log --decode car.dbc --format csv --shape wide --every 100ms -o trip.csv
@@ -124,7 +125,8 @@ pub struct ExportArgs {
     #[arg(long)]
     pub force: bool,
 
-    /// Decode the raw frames of this bus [default: take the decoded channels of the recording]
+    /// Decode the raw frames or bytes of this bus [default: take the decoded channels of the
+    /// recording]
     #[arg(long, value_name = "[BUS=]PROTOCOL")]
     pub decode: Vec<String>,
 
@@ -182,7 +184,7 @@ pub struct ExportArgs {
     #[arg(long, value_name = "CHARACTER", value_parser = parse_separator)]
     pub separator: Option<char>,
 
-    /// csv: the decimal mark
+    /// csv: the decimal mark of numbers
     #[arg(long, value_enum, default_value_t)]
     pub decimal: Decimal,
 

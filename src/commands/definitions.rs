@@ -71,12 +71,12 @@ pub fn load(texts: &[String], buses: &[String], attached: Vec<Attachment>) -> Re
 }
 
 /// The definition that a person means; false if not all of it could be loaded.
-fn definition(text: &str) -> Result<(Definition, bool)> {
+pub fn definition(text: &str) -> Result<(Definition, bool)> {
     if let Some(serial) = explain::serial::load_files(text)? {
         let name = format!("{}.toml", serial.protocol.name);
         let attachment = attachment(serial.file.as_deref().unwrap_or(&name), serial.text.into());
         let protocol = with_settings(&serial.file.unwrap_or(serial.protocol.name.clone()), text);
-        let meaning = Meaning::Serial(Arc::new(serial.protocol));
+        let meaning = Meaning::Serial(serial.protocol.into());
         return Ok((Definition { protocol, attachments: vec![attachment], meaning }, true));
     }
     let can = protocols::named(text)?;

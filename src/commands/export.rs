@@ -1,6 +1,9 @@
 //! `bustape export`: tables of signals, and frames in the formats of other tools.
 
+mod beside;
+mod can_rows;
 mod decoders;
+mod frame_table;
 mod frames;
 pub(super) mod input;
 mod report;
@@ -13,7 +16,7 @@ use anyhow::Result;
 
 use super::Ended;
 use super::interrupt::Interrupt;
-use crate::cli::export::{ExportArgs, Format};
+use crate::cli::export::{ExportArgs, Format, Shape};
 use selection::Selection;
 
 /// Runs the command.
@@ -22,7 +25,11 @@ pub fn run(args: &ExportArgs) -> Result<Ended> {
     let interrupt = Interrupt::watch()?;
     match args.format {
         Format::Parquet | Format::Csv | Format::Jsonl | Format::Influx => {
-            tables::run(args, &selection, &interrupt)
+            target::check(args)?;
+            match args.shape {
+                Shape::Frames => frame_table::run(args, &selection, &interrupt),
+                _ => tables::run(args, &selection, &interrupt),
+            }
         }
         _ => frames::run(args, &selection, &interrupt),
     }

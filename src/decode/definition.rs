@@ -130,6 +130,12 @@ impl CanDefinition {
         self.decoder.find(frame).map(|found| found.message.name.as_str())
     }
 
+    /// True if frames can mean something beside what they say by themselves.
+    pub fn has_rules(&self) -> bool {
+        let Self { remotes, meanings, assemblies, .. } = self;
+        !(remotes.is_empty() && meanings.is_empty() && assemblies.is_empty())
+    }
+
     /// How many rules give an identifier another meaning.
     pub fn contexts(&self) -> usize {
         self.meanings.len()

@@ -6,6 +6,7 @@ use super::table::{Cell, Column, Kind, Row, Table, Value, make_unique};
 use crate::decode::can::Value as Decoded;
 use crate::decode::dbc::{Message, Number, Signal};
 use crate::decode::definition::CanDefinition;
+use crate::decode::j1939::Identifier;
 
 /// Labels of signals with up to so many bits are looked up by index.
 const DENSE_BITS: u16 = 10;
@@ -21,8 +22,16 @@ pub struct CanPlan {
     message: usize,
     /// By index of the signal: its column, and its labels.
     places: Vec<Place>,
+    /// Columns of the addresses in the identifier, source first, of messages that have them.
+    addresses: Option<[u32; 2]>,
     columns: usize,
 }
+
+/// Columns of messages that have addresses.
+pub const ADDRESSES: [&str; 2] = ["source_address", "destination_address"];
+
+/// Bytes of the identifier, the lowest first, behind the data of messages that have addresses.
+pub const IDENTIFIER: usize = 4;
 
 #[derive(Clone, Debug)]
 struct Place {
@@ -55,11 +64,13 @@ enum Lookup {
 
 impl CanPlan {
     /// How rows are made of message number `index`, and the table they belong to. `None` when the
-    /// message has no signal that is `wanted`.
+    /// message has no signal that is `wanted`. With `addresses` it has columns for those of J1939,
+    /// and payloads end with the [`IDENTIFIER`].
     pub fn new(
         definition: &Arc<CanDefinition>,
         index: usize,
         bus: &str,
+        addresses: bool,
         wanted: impl Fn(&str) -> bool,
     ) -> Option<(Self, Table)> {
         let message = definition.messages().get(index)?;
@@ -74,6 +85,21 @@ impl CanPlan {
                 columns.push(column_of(signal, whole));
             }
         }
+        let addresses = addresses.then(|| {
+            ADDRESSES.map(|name| {
+                if !wanted(name) {
+                    return UNWANTED;
+                }
+                let kind = Kind::Unsigned(8);
+                columns.push(Column {
+                    name: name.to_owned(),
+                    kind,
+                    few_values: true,
+                    ..Column::default()
+                });
+                u32::try_from(columns.len() - 1).unwrap_or(UNWANTED)
+            })
+        });
         if columns.is_empty() {
             return None;
         }
@@ -82,14 +108,19 @@ impl CanPlan {
             definition: Arc::clone(definition),
             message: index,
             places,
+            addresses,
             columns: columns.len(),
         };
         Some((plan, table_of(message, bus, columns)))
     }
 
-    /// Gives each value that is in a frame with these data to `visit`, with its column.
+    /// Gives each value that is in a payload to `visit`, with its column.
     #[inline]
-    pub fn visit(&self, data: &[u8], mut visit: impl FnMut(usize, Cell)) {
+    pub fn visit(&self, payload: &[u8], mut visit: impl FnMut(usize, Cell)) {
+        let (data, id) = match (self.addresses, payload.split_last_chunk::<IDENTIFIER>()) {
+            (Some(_), Some((data, id))) => (data, Some(u32::from_le_bytes(*id))),
+            _ => (payload, None),
+        };
         let signals = self.definition.messages().get(self.message);
         let signals = signals.map_or(&[][..], |message| &message.signals);
         self.definition.decode(self.message, data, |reading| {
@@ -119,13 +150,22 @@ impl CanPlan {
             };
             visit(place.column as usize, Cell { value, label });
         });
+        if let (Some(columns), Some(id)) = (self.addresses, id) {
+            let id = Identifier::of(id);
+            for (column, address) in columns.into_iter().zip([Some(id.source), id.destination]) {
+                if let (true, Some(address)) = (column != UNWANTED, address) {
+                    let value = Value::Unsigned(address.into());
+                    visit(column as usize, Cell { value, label: None });
+                }
+            }
+        }
     }
 
-    /// A row of a frame with these data.
-    pub fn row(&self, data: &[u8], row: &mut Row) {
+    /// A row of a payload.
+    pub fn row(&self, payload: &[u8], row: &mut Row) {
         row.clear(self.columns);
         let cells = &mut row.cells;
-        self.visit(data, |column, cell| {
+        self.visit(payload, |column, cell| {
             if let Some(place) = cells.get_mut(column) {
                 *place = cell;
             }
@@ -198,6 +238,7 @@ fn table_of(message: &Message, bus: &str, columns: Vec<Column>) -> Table {
         comment: message.comment.clone(),
         facts,
         columns,
+        repeats: false,
     }
 }
 

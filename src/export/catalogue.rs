@@ -1,12 +1,14 @@
 //! The tables of an export: where their rows come from, and how payloads become rows.
 
 use std::collections::HashMap;
+use std::ops::Range;
 use std::sync::Arc;
 
-use super::can_table::CanPlan;
-use super::message_table::{Described, MessagePlan};
+use super::can_table::{ADDRESSES, CanPlan};
+use super::message_table::{Described, MessagePlan, compile};
 use super::table::{Row, Table};
 use crate::decode::definition::CanDefinition;
+use crate::frame::CanFrame;
 
 /// A database that frames are decoded with.
 #[derive(Clone, Debug)]
@@ -14,14 +16,42 @@ pub struct Definition {
     /// Compiled.
     pub can: Arc<CanDefinition>,
     /// Its files: names, and SHA-256 in hexadecimal.
-    pub files: Vec<(String, String)>,
+    files: Vec<(String, String)>,
+    /// By message: its frames have addresses.
+    grouped: Vec<bool>,
+}
+
+impl Definition {
+    /// `can`, and its files: names, and SHA-256 in hexadecimal.
+    pub fn new(can: Arc<CanDefinition>, files: Vec<(String, String)>) -> Self {
+        let grouped = can.grouped();
+        Self { can, files, grouped }
+    }
+
+    /// Of a message and a frame of it what [`Plan::Can`] makes rows of; `room` is used where that is
+    /// more than the frame's data.
+    #[inline]
+    pub fn payload<'a>(
+        &self,
+        message: usize,
+        frame: &'a CanFrame,
+        room: &'a mut Vec<u8>,
+    ) -> &'a [u8] {
+        if !self.grouped.get(message).is_some_and(|is| *is) {
+            return frame.data();
+        }
+        room.clear();
+        room.extend_from_slice(frame.data());
+        room.extend_from_slice(&frame.id.to_le_bytes());
+        room
+    }
 }
 
 /// Where the rows of a table come from.
 #[derive(Clone, Debug)]
 enum Origin {
     /// Frames of a bus that are a message of a definition.
-    Can { bus: Arc<str>, definition: u32, message: u32 },
+    Can { bus: Arc<str>, definition: Arc<Definition>, message: u32 },
     /// A decoded channel.
     Message(Box<(MessagePlan, Table)>),
 }
@@ -29,18 +59,21 @@ enum Origin {
 /// How payloads become rows of one table.
 #[derive(Clone, Debug)]
 pub enum Plan {
-    /// Payloads are the data of CAN frames.
+    /// Payloads are the data of CAN frames, see [`Definition::payload`].
     Can(CanPlan),
     /// Payloads are encoded messages.
     Message(MessagePlan),
 }
 
 impl Plan {
-    /// Makes a row of a payload.
-    pub fn row(&self, payload: &[u8], row: &mut Row) {
+    /// Gives each row of a payload to `visit`; `row` is room for one.
+    pub fn rows(&self, payload: &[u8], row: &mut Row, mut visit: impl FnMut(&Row)) {
         match self {
-            Self::Can(plan) => plan.row(payload, row),
-            Self::Message(plan) => plan.row(payload, row),
+            Self::Can(plan) => {
+                plan.row(payload, row);
+                visit(row);
+            }
+            Self::Message(plan) => plan.rows(payload, row, visit),
         }
     }
 }
@@ -48,7 +81,6 @@ impl Plan {
 /// The tables seen so far, by their number. Small, also with thousands of tables: what a table of
 /// frames looks like is worked out when it is asked for.
 pub struct Catalogue {
-    definitions: Vec<Definition>,
     origins: Vec<Origin>,
     /// How many tables have a name; those of decoded channels may share one.
     names: HashMap<(String, String), u32>,
@@ -56,38 +88,49 @@ pub struct Catalogue {
 }
 
 impl Catalogue {
-    /// Of messages of `definitions`, with the signals that are `wanted`.
-    pub fn new(definitions: Vec<Definition>, wanted: Box<dyn Fn(&str) -> bool>) -> Self {
-        Self { definitions, origins: Vec::new(), names: HashMap::new(), wanted }
+    /// Of the signals that are `wanted`.
+    pub fn new(wanted: Box<dyn Fn(&str) -> bool>) -> Self {
+        Self { origins: Vec::new(), names: HashMap::new(), wanted }
     }
 
     /// Adds the table of a message on a bus; its number. `None` when no signal of it is wanted.
-    pub fn add(&mut self, bus: &Arc<str>, definition: usize, message: usize) -> Option<u32> {
-        let messages = self.definitions.get(definition)?.can.messages();
-        let signals = &messages.get(message)?.signals;
-        if !signals.iter().any(|signal| (self.wanted)(&signal.name)) {
+    pub fn add(
+        &mut self,
+        bus: &Arc<str>,
+        definition: &Arc<Definition>,
+        message: usize,
+    ) -> Option<u32> {
+        let signals = &definition.can.messages().get(message)?.signals;
+        let grouped = definition.grouped.get(message).is_some_and(|is| *is);
+        let names = signals.iter().map(|signal| signal.name.as_str());
+        let names = names.chain(ADDRESSES.into_iter().filter(|_| grouped));
+        if !names.into_iter().any(|name| (self.wanted)(name)) {
             return None;
         }
-        let (definition, message) = (u32::try_from(definition).ok()?, u32::try_from(message).ok()?);
-        self.push(Origin::Can { bus: Arc::clone(bus), definition, message })
+        let (bus, definition) = (Arc::clone(bus), Arc::clone(definition));
+        self.push(Origin::Can { bus, definition, message: u32::try_from(message).ok()? })
     }
 
-    /// Adds the table of a decoded channel; its number. A name that another schema has already gets
-    /// a number behind it. `files` are those of its definition, with their SHA-256.
+    /// Adds the tables of a decoded channel: one of its messages, and one for each field that
+    /// repeats; their numbers. A name that another schema has already gets a number behind it.
+    /// `files` are those of its definition, with their SHA-256.
     pub fn add_message(
         &mut self,
         described: &Described<'_>,
         files: &[(String, String)],
-    ) -> Option<u32> {
-        let (plan, mut table) = MessagePlan::new(described, &self.wanted)?;
-        let key = (table.bus.clone(), table.message.clone());
-        let count = self.names.entry(key).or_default();
-        *count += 1;
-        if *count > 1 {
-            table.message = format!("{}_{count}", table.message);
+    ) -> Range<u32> {
+        let first = u32::try_from(self.origins.len()).unwrap_or(u32::MAX);
+        for (plan, mut table) in compile(described, &self.wanted) {
+            let key = (table.bus.clone(), table.message.clone());
+            let count = self.names.entry(key).or_default();
+            *count += 1;
+            if *count > 1 {
+                table.message = format!("{}_{count}", table.message);
+            }
+            add_files(&mut table, files);
+            self.push(Origin::Message(Box::new((plan, table))));
         }
-        add_files(&mut table, files);
-        self.push(Origin::Message(Box::new((plan, table))))
+        first..u32::try_from(self.origins.len()).unwrap_or(u32::MAX)
     }
 
     fn push(&mut self, origin: Origin) -> Option<u32> {
@@ -96,23 +139,21 @@ impl Catalogue {
         Some(number)
     }
 
-    /// How many tables there are.
-    pub fn len(&self) -> usize {
-        self.origins.len()
-    }
-
-    /// True without any.
-    pub fn is_empty(&self) -> bool {
-        self.origins.is_empty()
+    /// How many kinds of messages there are.
+    pub fn messages(&self) -> usize {
+        let repeats =
+            |origin: &&Origin| matches!(origin, Origin::Message(known) if known.1.repeats);
+        self.origins.len() - self.origins.iter().filter(repeats).count()
     }
 
     /// What table number `table` looks like, and how payloads become its rows.
     pub fn table(&self, table: u32) -> Option<(Plan, Table)> {
         match self.origins.get(table as usize)? {
             Origin::Can { bus, definition, message } => {
-                let definition = self.definitions.get(*definition as usize)?;
                 let message = *message as usize;
-                let (plan, mut table) = CanPlan::new(&definition.can, message, bus, &self.wanted)?;
+                let addresses = definition.grouped.get(message).is_some_and(|is| *is);
+                let (plan, mut table) =
+                    CanPlan::new(&definition.can, message, bus, addresses, &self.wanted)?;
                 add_files(&mut table, &definition.files);
                 Some((Plan::Can(plan), table))
             }
@@ -125,7 +166,7 @@ impl Catalogue {
 
     /// All tables.
     pub fn tables(&self) -> Vec<Table> {
-        let numbers = 0..u32::try_from(self.len()).unwrap_or(u32::MAX);
+        let numbers = 0..u32::try_from(self.origins.len()).unwrap_or(u32::MAX);
         numbers.filter_map(|number| self.table(number)).map(|(_, table)| table).collect()
     }
 }

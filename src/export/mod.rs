@@ -4,6 +4,7 @@ pub mod can_table;
 pub mod catalogue;
 pub mod frames;
 pub mod message_table;
+pub mod ordered;
 pub mod output;
 pub mod parquet;
 pub mod period;
@@ -37,6 +38,30 @@ pub trait TableWriter {
     /// Sentences about what was done differently from what one might expect.
     fn notes(&self) -> Vec<String> {
         Vec::new()
+    }
+}
+
+impl<W: TableWriter + ?Sized> TableWriter for Box<W> {
+    fn write(
+        &mut self,
+        catalogue: &Catalogue,
+        table: u32,
+        time: Timestamp,
+        payload: &[u8],
+    ) -> io::Result<()> {
+        (**self).write(catalogue, table, time, payload)
+    }
+
+    fn finish(&mut self, catalogue: &Catalogue) -> io::Result<()> {
+        (**self).finish(catalogue)
+    }
+
+    fn files(&self) -> u64 {
+        (**self).files()
+    }
+
+    fn notes(&self) -> Vec<String> {
+        (**self).notes()
     }
 }
 

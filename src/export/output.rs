@@ -50,7 +50,7 @@ impl Output {
                 "{} exists: another export is running, or was killed; remove it or use --force",
                 part.display()
             )),
-            _ => OutputError(format!("cannot create {}: {error}", part.display())),
+            _ => failed("create", &part, &error),
         })?;
         Ok(Self { file: Some((file, path.to_owned())), finished: false })
     }
@@ -188,7 +188,14 @@ fn name_parts(folder: &Path) -> Result<(), OutputError> {
 }
 
 fn failed(what: &str, path: &Path, error: &io::Error) -> OutputError {
-    OutputError(format!("cannot {what} {}: {error}", path.display()))
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let next = match folder {
+        Some(folder) if error.kind() == io::ErrorKind::NotFound && !folder.exists() => {
+            format!("; create the folder {} first", folder.display())
+        }
+        _ => String::new(),
+    };
+    OutputError(format!("cannot {what} {}: {error}{next}", path.display()))
 }
 
 fn refuse_existing(path: &Path, force: bool) -> Result<(), OutputError> {

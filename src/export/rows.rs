@@ -23,6 +23,8 @@ pub trait RowWriter {
 
 /// Writes rows of one table.
 pub trait FlatWriter {
+    /// Remembers a text that stands in many rows: the number for [`super::table::Value::Known`].
+    fn know(&mut self, text: &str) -> u32;
     /// Writes a row.
     fn row(&mut self, time: Timestamp, row: &Row) -> io::Result<()>;
     /// Completes the output.
@@ -63,8 +65,13 @@ impl<W: RowWriter> TableWriter for Rows<W> {
         }
         let Some(known) = place else { return Ok(()) };
         let (plan, table) = &**known;
-        plan.row(payload, &mut self.row);
-        self.writer.row(number, table, time, &self.row)
+        let (writer, mut done) = (&mut self.writer, Ok(()));
+        plan.rows(payload, &mut self.row, |row| {
+            if done.is_ok() {
+                done = writer.row(number, table, time, row);
+            }
+        });
+        done
     }
 
     fn finish(&mut self, _: &Catalogue) -> io::Result<()> {

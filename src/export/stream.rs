@@ -57,6 +57,13 @@ impl Stream {
         }
     }
 
+    /// True once where text goes to one place and there was none: its head is still to be written.
+    pub fn begin_empty(&mut self) -> bool {
+        let single = matches!(self.place, Place::Single(_));
+        self.files = self.files.max(u64::from(single));
+        single && !std::mem::replace(&mut self.begun, true)
+    }
+
     fn open(&mut self, number: u64) -> io::Result<bool> {
         self.flush()?;
         let Place::Periods { folder, ending, split, open } = &mut self.place else {

@@ -58,6 +58,25 @@ pub struct Table {
     pub facts: Vec<(String, String)>,
     /// The columns but the time, which every table has.
     pub columns: Vec<Column>,
+    /// It has a row for each element of something that repeats in a message; its first column
+    /// counts them, from 0.
+    pub repeats: bool,
+}
+
+impl Table {
+    /// The columns and cells of values, and which element of a message they are about, where it
+    /// has many.
+    pub fn values<'a>(
+        &'a self,
+        row: &'a Row,
+    ) -> (Option<u64>, impl Iterator<Item = (&'a Column, &'a Cell)>) {
+        let index = match row.cells.first() {
+            Some(Cell { value: Value::Unsigned(index), .. }) if self.repeats => Some(*index),
+            _ => None,
+        };
+        let values = self.columns.iter().zip(&row.cells);
+        (index, values.skip(usize::from(self.repeats)))
+    }
 }
 
 /// One value.
@@ -74,6 +93,8 @@ pub enum Value {
     Float(f64),
     /// Text or bytes: from and to in [`Row::text`].
     Text(u32, u32),
+    /// A text that the writer knows by this number; see [`super::rows::FlatWriter::know`].
+    Known(u32),
 }
 
 /// One value and the index of its label, if it has one.
@@ -115,11 +136,16 @@ impl Row {
         self.push(Value::Text(from, place(self.text.len())));
     }
 
-    /// Appends a text, or its absence.
-    pub fn push_text(&mut self, text: Option<&str>) {
-        match text {
-            Some(text) => self.push_bytes(text.as_bytes()),
-            None => self.push(Value::Absent),
+    /// Appends a text that the writer knows, or its absence.
+    pub fn push_known(&mut self, text: Option<u32>) {
+        self.push(text.map_or(Value::Absent, Value::Known));
+    }
+
+    /// The bytes of a value that is a text in this row.
+    pub fn bytes(&self, value: Value) -> &[u8] {
+        match value {
+            Value::Text(from, to) => self.text(from, to),
+            _ => &[],
         }
     }
 

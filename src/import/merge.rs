@@ -9,8 +9,12 @@ use crate::frame::{Frame, Timestamp};
 /// several interfaces are sorted but for a few frames. What stands later yet comes out where it
 /// stands.
 pub const WINDOW: usize = 16_384;
+/// Of more logs than this, each has a part of the room that so many have.
+const FULL_WINDOWS: usize = 4;
 /// Most frames given at once.
 const BATCH: usize = 4096;
+/// So many frames of a log are read before its turn comes: enough to know when that is.
+const PEEK: usize = 1024;
 
 /// A log among others.
 pub struct Source {
@@ -24,6 +28,9 @@ pub struct Source {
     next: usize,
     /// Frames before this one cannot be preceded by one that was not read yet.
     safe: usize,
+    /// Its turn has come. Before, only its first frames are read: of logs that follow one another,
+    /// only one needs room for many.
+    begun: bool,
     ended: bool,
     read: u64,
 }
@@ -39,11 +46,14 @@ pub struct Merge {
     index: BTreeMap<String, u16>,
     last: Timestamp,
     disordered: u64,
+    /// How late a frame may be, in frames of its log.
+    window: usize,
 }
 
 impl Merge {
     /// Merges logs; their buses are named by `naming`, and those of one name become one.
     pub fn new(readers: Vec<Box<dyn LogReader>>, start: Timestamp, naming: Naming) -> Self {
+        let window = (FULL_WINDOWS * WINDOW / readers.len().max(1)).clamp(PEEK, WINDOW);
         let source = |reader| Source {
             reader,
             start,
@@ -51,6 +61,7 @@ impl Merge {
             frames: Vec::new(),
             next: 0,
             safe: 0,
+            begun: false,
             ended: false,
             read: 0,
         };
@@ -61,6 +72,7 @@ impl Merge {
             index: BTreeMap::new(),
             last: Timestamp(0),
             disordered: 0,
+            window,
         }
     }
 
@@ -85,13 +97,15 @@ impl Merge {
         for number in 0..self.sources.len() {
             self.fill(number)?;
         }
-        if let [source] = &mut self.sources[..] {
+        if let [source] = &mut self.sources[..]
+            && source.begun
+        {
             // Nothing to compare with.
             let count = (source.safe - source.next).min(BATCH);
             into.extend_from_slice(&source.frames[source.next..source.next + count]);
             source.next += count;
         } else {
-            self.interleave(into);
+            self.interleave(into)?;
         }
         for frame in &*into {
             self.disordered += u64::from(frame.frame.time < self.last);
@@ -100,7 +114,7 @@ impl Merge {
         Ok(!into.is_empty())
     }
 
-    fn interleave(&mut self, into: &mut Vec<LogFrame>) {
+    fn interleave(&mut self, into: &mut Vec<LogFrame>) -> Result<(), MergeError> {
         while into.len() < BATCH {
             let mut first: Option<(Timestamp, usize)> = None;
             for (number, source) in self.sources.iter().enumerate() {
@@ -109,29 +123,38 @@ impl Merge {
                     if source.ended {
                         continue;
                     }
-                    return;
+                    return Ok(());
                 }
                 let time = source.frames[source.next].frame.time;
                 if first.is_none_or(|(earliest, _)| time < earliest) {
                     first = Some((time, number));
                 }
             }
-            let Some((_, number)) = first else { return };
+            let Some((_, number)) = first else { return Ok(()) };
             let source = &mut self.sources[number];
+            if !source.begun {
+                source.begun = true;
+                source.safe = if source.ended { source.frames.len() } else { 0 };
+                self.fill(number)?;
+                continue;
+            }
             into.push(source.frames[source.next].clone());
             source.next += 1;
         }
+        Ok(())
     }
 
-    /// Reads until frames of a log can be given.
+    /// Reads until frames of a log can be given; of one that has not begun, until it is
+    /// known when it begins.
     fn fill(&mut self, number: usize) -> Result<(), MergeError> {
-        let source = &mut self.sources[number];
+        let (source, window) = (&mut self.sources[number], self.window);
         if source.next < source.safe || source.ended {
             return Ok(());
         }
         source.frames.drain(..source.next);
         (source.next, source.safe) = (0, 0);
-        while !source.ended && source.frames.len() < 2 * WINDOW {
+        let enough = if source.begun { 2 * window } else { PEEK };
+        while !source.ended && source.frames.len() < enough {
             let before = source.frames.len();
             let more = source.reader.read(&mut source.frames);
             source.ended = !more.map_err(|error| MergeError::Log { number, error })?;
@@ -160,8 +183,14 @@ impl Merge {
         if !source.frames.is_sorted_by_key(|frame| frame.frame.time) {
             source.frames.sort_by_key(|frame| frame.frame.time);
         }
-        let kept = if source.ended { 0 } else { WINDOW };
-        source.safe = source.frames.len().saturating_sub(kept);
+        let kept = if source.ended { 0 } else { window };
+        source.safe = match source.frames.len() {
+            1.. if !source.begun => 1,
+            count => count.saturating_sub(kept),
+        };
+        if source.ended && source.frames.is_empty() {
+            source.frames = Vec::new();
+        }
         Ok(())
     }
 }
@@ -256,6 +285,19 @@ mod tests {
             merged(&[(&[105, 101, 103], "a", false), (&[2, 4], "b", true), (&[], "a", false)]);
         assert_eq!(frames, [(101, 0), (102, 1), (103, 0), (104, 1), (105, 0)]);
         assert_eq!((buses, disordered), (vec!["a".to_owned(), "b".to_owned()], 0));
+    }
+
+    /// The second log begins before the first one ends, the third when both have ended.
+    #[test]
+    fn logs_that_follow_one_another_overlap_where_they_do() {
+        let times = |range: std::ops::Range<u64>| range.map(|n| 100 + n).collect::<Vec<_>>();
+        let count = 3 * WINDOW as u64;
+        let (first, second) = (times(0..count), times(count / 2..2 * count));
+        let third = times(2 * count..2 * count + 10);
+        let (frames, _, disordered) =
+            merged(&[(&third, "c", false), (&first, "a", false), (&second, "b", false)]);
+        assert_eq!((frames.len(), disordered), (first.len() + second.len() + 10, 0));
+        assert!(frames.is_sorted_by_key(|(time, _)| *time));
     }
 
     #[test]

@@ -31,7 +31,7 @@ impl Decoders {
     /// Nothing more comes.
     pub fn finish(&mut self, time: Timestamp, writer: &mut SegmentWriter, progress: &Progress) {
         for bus in 0..self.0.len() {
-            self.run(bus, time, (writer, progress), Stream::finish);
+            self.run(bus, time, (writer, progress), |stream, writer| stream.finish(writer));
         }
     }
 

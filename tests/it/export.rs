@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::fs;
 use std::io::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::Command;
 
 use bustape::import::Settings;
@@ -11,7 +11,7 @@ use bustape::recording::writer::Layout;
 use nix::sys::signal::Signal;
 
 use crate::support::process::{BUSTAPE, args, bustape, spawn, start, start_injected};
-use crate::support::{peers, until};
+use crate::support::{files, line_protocol, peers, until};
 
 /// Every kind of signal: both byte orders, signs, scales, floats, value tables, multiplexing.
 const DBC: &str = r#"VERSION ""
@@ -123,6 +123,14 @@ impl Inputs {
         bustape(all)
     }
 
+    /// The lines of a file in line protocol, as JSON; the name of the file they are in.
+    fn parsed(&self, name: &str) -> &'static str {
+        let lines =
+            line_protocol::read(&self.path(name)).into_iter().map(|line| format!("{line}\n"));
+        fs::write(self.path("lines.json"), lines.collect::<String>()).unwrap();
+        "lines.json"
+    }
+
     /// Compares with what cantools decodes; rows and values that were equal.
     fn check(&self, kind: &str, out: &str, more: &[&str]) -> (u64, u64) {
         let mut python = peers::python("export_check.py");
@@ -138,30 +146,12 @@ fn spawn_quiet(command: &mut Command) -> crate::support::process::Ran {
     spawn(owned).wait().expect(0)
 }
 
-/// All files in a folder and below.
-fn files(folder: &Path) -> Vec<String> {
-    let mut found = Vec::new();
-    let mut folders = vec![folder.to_owned()];
-    while let Some(inside) = folders.pop() {
-        for entry in fs::read_dir(inside).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                folders.push(path);
-            } else {
-                found.push(path.strip_prefix(folder).unwrap().to_str().unwrap().to_owned());
-            }
-        }
-    }
-    found.sort();
-    found
-}
-
 const FRAMES: u64 = 1400;
 /// Without the unknown and the remote ones.
 const ROWS: u64 = 1200;
 
 #[test]
-fn a_dataset_is_read_by_pyarrow_pandas_and_duckdb_as_cantools_decodes_the_frames() {
+fn a_dataset_is_read_by_pyarrow_pandas_duckdb_and_polars_as_cantools_decodes_the_frames() {
     let inputs = Inputs::new(FRAMES);
     let ran = inputs.export("trip", &["--format", "parquet", "--json"]).expect(0);
     let said = ran.json();
@@ -187,7 +177,7 @@ fn a_dataset_is_read_by_pyarrow_pandas_and_duckdb_as_cantools_decodes_the_frames
     let equal = inputs.check("pyarrow", "trip", &kinds);
     assert_eq!(equal.0, ROWS);
     assert!(equal.1 > 2 * ROWS);
-    for reader in ["unified", "pandas", "duckdb"] {
+    for reader in ["unified", "pandas", "duckdb", "polars"] {
         assert_eq!(inputs.check(reader, "trip", &[]), equal, "{reader}");
     }
 }
@@ -235,7 +225,8 @@ fn text_formats_say_what_cantools_decodes() {
     assert!(engine.starts_with(head), "{engine}");
     for (format, out) in [("jsonl", "a.jsonl"), ("influx", "a.influx")] {
         inputs.export(out, &["--format", format]).expect(0);
-        assert_eq!(inputs.check(format, out, &[]), equal, "{format}");
+        let read = if format == "influx" { inputs.parsed(out) } else { out };
+        assert_eq!(inputs.check(format, read, &[]), equal, "{format}");
         let stdout = inputs.path("can.log");
         let dbc = inputs.path("car.dbc");
         let all = args(&[&"export", &stdout, &"--decode", &dbc, &"--format", &format, &"-o", &"-"]);
@@ -294,6 +285,9 @@ fn raw_frames_become_a_table_too() {
         assert_eq!(cells[3..], [flags, dlc, data], "{line}");
     }
     export("parquet", "frames.parquet");
+    let mut python = peers::python("export_frames.py");
+    let read = spawn_quiet(python.args([inputs.path("frames.parquet"), inputs.path("frames.csv")]));
+    assert_eq!(read.out.trim(), "70");
     export("jsonl", "frames.jsonl");
     assert_eq!(fs::read_to_string(inputs.path("frames.jsonl")).unwrap().lines().count(), 70);
 }
@@ -397,6 +391,58 @@ fn names_and_texts_of_a_database_can_harm_neither_a_spreadsheet_nor_a_terminal()
     assert_eq!(labels, safe);
     // A unit does not begin its cell.
     assert!(text.starts_with("time,S [=cmd|' /C calc'!A0],S_label\r\n"), "{text}");
+}
+
+#[test]
+fn csv_has_the_marks_that_were_asked_for() {
+    let inputs = Inputs::new(70);
+    let rows = |mark: char, more: &[&str]| -> Vec<Vec<String>> {
+        let long = ["--format", "csv", "--shape", "long", "--signal", "Speed,Torque", "--force"];
+        inputs.export("a.csv", &[&long[..], more].concat()).expect(0);
+        let text = fs::read_to_string(inputs.path("a.csv")).unwrap();
+        assert!(text.ends_with("\r\n") && text.lines().count() > 30, "{text}");
+        text.lines().map(|line| line.split(mark).map(str::to_owned).collect()).collect()
+    };
+    let plain = rows(',', &[]);
+    let german = rows(';', &["--decimal", "comma"]);
+    let tabs = rows('\t', &["--separator", "tab", "--time", "epoch"]);
+    let epoch = rows(';', &["--decimal", "comma", "--time", "epoch"]);
+    for (((plain, german), tabs), epoch) in plain.iter().zip(&german).zip(&tabs).zip(&epoch).skip(1)
+    {
+        assert_eq!((plain.len(), &plain[..4]), (7, &german[..4]));
+        assert_eq!(plain[4].replace('.', ","), german[4]);
+        assert_eq!((&plain[1..], tabs[0].replace('.', ",")), (&tabs[1..], epoch[0].clone()));
+        assert!(tabs[0].starts_with("17000000") && tabs[0].len() == 20, "{tabs:?}");
+    }
+}
+
+#[test]
+fn nothing_to_export_is_said_with_its_reason() {
+    let inputs = Inputs::new(70);
+    let long = ["--format", "csv", "--shape", "long", "--force"];
+    for (more, reason) in [
+        (&["--message", "x*"][..], "nothing of the input is selected by --message"),
+        (&["--bus", "can1", "--end", "+1s"], "is selected by --bus, --end"),
+    ] {
+        let ran = inputs.export("a.csv", &[&long[..], more].concat()).expect(3);
+        assert!(ran.err.contains(reason), "{}", ran.err);
+        let text = fs::read_to_string(inputs.path("a.csv")).unwrap();
+        assert_eq!(text, "time,bus,message,signal,value,label,unit\r\n");
+    }
+    let (log, out) = (inputs.path("can.log"), inputs.path("a.csv"));
+    let of = |protocol: &str| {
+        let all = args(&[&"export", &log, &"--decode", &protocol, &"-o", &out]);
+        bustape(all.into_iter().chain(long.iter().map(Into::into))).expect(3).err
+    };
+    assert!(of("zhongheng-09").contains("no bus has a protocol of its kind"));
+    fs::write(inputs.path("other.dbc"), "BO_ 5 Other: 8 A\n SG_ S : 0|8@1+ (1,0) [0|0] \"\" A\n")
+        .unwrap();
+    let other = inputs.path("other.dbc");
+    assert!(of(other.to_str().unwrap()).contains("the protocol knows none of the frames"));
+    let out = inputs.path("no/such/folder");
+    let ran =
+        bustape(args(&[&"export", &log, &"--format", &"csv", &"--shape", &"frames", &"-o", &out]));
+    assert!(ran.expect(1).err.contains("; create the folder"));
 }
 
 #[test]
@@ -518,8 +564,9 @@ fn combinations_without_a_meaning_are_refused_before_anything_is_written() {
         (&["--format", "csv", "--decimal", "comma", "--separator", ","], "another --separator"),
         (&["--format", "csv", "--shape", "frames", "--signal", "x"], "raw frames"),
         (&["--format", "csv", "--start", "2024-01-01T00:00:00Z", "--end", "5"], "--start is later"),
-        (&["--format", "csv", "--decode", "zhongheng-09"], "already"),
-        (&["--format", "csv", "--decode", "can1=zhongheng-09"], "bustape decode"),
+        (&["--format", "csv", "--decode", "hmi-can"], "every CAN bus has a protocol already"),
+        (&["--format", "csv", "--decode", "can1=nothing"], "is no protocol"),
+        (&["--format", "csv", "--filter", "can0,123:7FF"], "--filter is about raw frames"),
         (&["--format", "csv", "--separator", "xy"], "give one of"),
     ] {
         let ran = inputs.export("out", more).expect(2);

@@ -31,6 +31,8 @@ mod decoded;
 mod disk;
 mod errors;
 mod export;
+mod export_protocols;
+mod export_trouble;
 mod foxglove;
 mod hostile;
 mod hostile_logs;

@@ -1,22 +1,31 @@
 //! `--decode [BUS=]PROTOCOL`: which buses are decoded with what.
 
-use std::fmt::Write as _;
-use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::{Result, bail};
-use sha2::{Digest as _, Sha256};
 
 use super::input::Source;
-use crate::commands::{UsageError, explain, protocols};
-use crate::export::catalogue::Definition;
+use crate::channels::{Definition, Meaning};
+use crate::commands::{UsageError, definitions};
+use crate::export::catalogue;
 
-/// The databases, and for which bus each is.
+/// A protocol.
+#[derive(Debug)]
+pub struct Protocol {
+    /// What was loaded.
+    pub definition: Definition,
+    /// Its messages, if it is one of CAN.
+    pub can: Option<Arc<catalogue::Definition>>,
+    /// Its files: names, and SHA-256 in hexadecimal.
+    pub files: Vec<(String, String)>,
+}
+
+/// The protocols, and for which bus each is.
 #[derive(Debug, Default)]
 pub struct Decoders {
-    /// The databases, each once.
-    pub definitions: Vec<Definition>,
-    /// Bus, or `None` for all others, and the index of its database.
+    /// The protocols, each once.
+    protocols: Vec<Protocol>,
+    /// Bus, or `None` for all others, and the index of its protocol.
     routes: Vec<(Option<String>, usize)>,
     /// Parts of a definition could not be loaded.
     pub incomplete: bool,
@@ -29,54 +38,76 @@ impl Decoders {
         let mut names: Vec<&str> = Vec::new();
         for text in texts {
             let (bus, protocol) = parts(text);
-            if all.routes.iter().any(|(other, _)| other.as_deref() == bus) {
-                let bus = bus.unwrap_or("every CAN bus");
-                bail!(UsageError(format!("--decode {text}: {bus} has a protocol already")));
-            }
             let index = names.iter().position(|name| *name == protocol).unwrap_or(names.len());
             if index == names.len() {
                 all.add(protocol)?;
                 names.push(protocol);
             }
-            all.routes.push((bus.map(str::to_owned), index));
+            all.route(text, bus, index)?;
         }
         Ok(all)
     }
 
     fn add(&mut self, text: &str) -> Result<()> {
-        if !text.to_ascii_lowercase().contains(".dbc")
-            && explain::serial::load_files(text)?.is_some()
-        {
-            bail!(UsageError(format!(
-                "{text} is a protocol of serial lines; add its decoded channels with \"bustape \
-                 decode\" first, then export them without --decode"
-            )));
-        }
-        let protocol = protocols::named(text)?;
-        let loaded = protocols::load(&protocol)?;
-        explain::say_oddities(&protocol, &loaded);
-        self.incomplete |= loaded.oddities.lost() > 0;
-        let files = loaded.files.iter().map(|(path, bytes)| {
-            let name = Path::new(path).file_name().unwrap_or_default().to_string_lossy();
-            (name.into_owned(), sha256(bytes))
-        });
-        let files = files.collect();
-        self.definitions.push(Definition { can: Arc::new(loaded.definition), files });
+        let (definition, complete) = definitions::definition(text)?;
+        self.incomplete |= !complete;
+        let files = definition.attachments.iter();
+        let mut files: Vec<_> = files.map(|file| (file.name.clone(), file.sha256())).collect();
+        files.sort();
+        let can = match &definition.meaning {
+            Meaning::Can(can) => Some(Arc::clone(can)),
+            Meaning::Serial(_) => None,
+        };
+        let can = can.map(|can| catalogue::Definition::new(can, files.clone()).into());
+        self.protocols.push(Protocol { definition, can, files });
         Ok(())
     }
 
-    /// The index of the database for a bus.
-    pub fn of(&self, bus: &str) -> Option<usize> {
+    fn route(&mut self, text: &str, bus: Option<&str>, index: usize) -> Result<()> {
+        let is_can = |index: usize| self.protocols.get(index).is_some_and(|p| p.can.is_some());
+        let taken = self.routes.iter().any(|(other, at)| match bus {
+            Some(_) => other.as_deref() == bus,
+            // One for all CAN buses and one for all serial lines go together.
+            None => other.is_none() && is_can(*at) == is_can(index),
+        });
+        if taken {
+            let every = if is_can(index) { "every CAN bus" } else { "every serial line" };
+            let bus = bus.unwrap_or(every);
+            bail!(UsageError(format!("--decode {text}: {bus} has a protocol already")));
+        }
+        self.routes.push((bus.map(str::to_owned), index));
+        Ok(())
+    }
+
+    /// True without any.
+    pub fn is_empty(&self) -> bool {
+        self.protocols.is_empty()
+    }
+
+    /// True if what a frame means may depend on those before it.
+    pub fn look_back(&self) -> bool {
+        let rules =
+            |protocol: &Protocol| protocol.can.as_ref().is_none_or(|can| can.can.has_rules());
+        self.protocols.iter().any(rules)
+    }
+
+    /// What CAN frames of a bus are decoded with, and what bytes of a serial line of that name are.
+    pub fn of(&self, bus: &str) -> [Option<&Protocol>; 2] {
+        let protocol = |(_, index): &(_, usize)| self.protocols.get(*index);
         let named = self.routes.iter().find(|(name, _)| name.as_deref() == Some(bus));
-        let other = || self.routes.iter().find(|(name, _)| name.is_none());
-        named.or_else(other).map(|(_, index)| *index)
+        if let Some(named) = named.and_then(protocol) {
+            let can = named.can.is_some();
+            return [Some(named).filter(|_| can), Some(named).filter(|_| !can)];
+        }
+        let others = || self.routes.iter().filter(|(name, _)| name.is_none()).filter_map(protocol);
+        [others().find(|other| other.can.is_some()), others().find(|other| other.can.is_none())]
     }
 
     /// An error if a bus was named that the recording does not have, or if nothing tells what the
     /// frames of a log mean. The buses of a log are known at its end only.
     pub fn check(&self, source: &Source) -> Result<()> {
         let Source::Recording(recording) = source else {
-            if self.definitions.is_empty() {
+            if self.protocols.is_empty() {
                 bail!(UsageError(
                     "nothing says what the frames of a log mean; give --decode PROTOCOL, or \
                      --shape frames for the frames as they are"
@@ -105,12 +136,4 @@ fn parts(text: &str) -> (Option<&str>, &str) {
         }
         _ => (None, text),
     }
-}
-
-fn sha256(bytes: &[u8]) -> String {
-    Sha256::digest(bytes).iter().fold(String::with_capacity(64), |mut text, byte| {
-        // Writing to a String cannot fail.
-        let _ = write!(text, "{byte:02x}");
-        text
-    })
 }

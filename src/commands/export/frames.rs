@@ -1,6 +1,6 @@
 //! Frames in the formats of other tools, from a recording or straight from logs.
 
-mod filter;
+pub(super) mod filter;
 mod sink;
 
 use std::collections::BTreeMap;

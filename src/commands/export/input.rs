@@ -9,10 +9,12 @@ use anyhow::{Context as _, Result, bail};
 
 use super::selection::Selection;
 use crate::commands::interrupt::Interrupt;
-use crate::commands::{Ended, UsageError, info, output};
+use crate::commands::{Ended, UsageError, import, info, output};
 use crate::frame::{Frame, Stamped, Timestamp};
+use crate::import::merge::Merge;
 use crate::import::{LogFrame, Settings, Skipped, format};
 use crate::recording::reader::{Entry, Recording};
+use crate::text::grouped;
 
 /// Entries between two looks at what a person wants and is told.
 const PACE: u32 = 1 << 14;
@@ -25,13 +27,13 @@ pub fn each(
     interrupt: &Interrupt,
     quiet: bool,
     wanted: impl Fn(&str) -> bool,
-    mut visit: impl FnMut(&Stamped<Entry>) -> Result<()>,
+    mut visit: impl FnMut(Stamped<Entry>) -> Result<()>,
 ) -> Result<Ended> {
     let mut entries = recording.entries(range, wanted);
     let mut progress = Progress::new(entries.bytes_left());
     let mut count = 0_u32;
     while let Some(entry) = entries.next() {
-        visit(&entry)?;
+        visit(entry)?;
         count = count.wrapping_add(1);
         if count.is_multiple_of(PACE) {
             interrupt.check()?;
@@ -128,49 +130,62 @@ fn is_recording(path: &Path) -> Result<bool> {
     Ok(head == mcap::MAGIC || path.extension().is_some_and(|ending| ending == "mcap"))
 }
 
-/// Gives each frame of the logs, one log after the other, to `visit` with the name of its bus.
+/// Gives each frame of the logs to `visit`, in time order, with the name of its bus and the
+/// selected range of time; frames up to `margin` nanoseconds outside of it, too.
 pub fn each_of_logs(
     logs: &[PathBuf],
     selection: &Selection,
+    margin: u64,
     interrupt: &Interrupt,
     quiet: bool,
-    mut visit: impl FnMut(&str, &Stamped<Frame>) -> Result<()>,
+    mut visit: impl FnMut(&str, &Stamped<Frame>, &RangeInclusive<Timestamp>) -> Result<()>,
 ) -> Result<Ended> {
-    let mut ended = Ended::Well;
-    let mut range = None;
-    let mut frames = Vec::new();
+    let (mut readers, mut taken, mut total) = (Vec::new(), Vec::new(), 0);
     for path in logs {
-        let unreadable = || format!("cannot read {}", path.display());
-        let opened = format::open(path, None, &Settings::default()).with_context(unreadable)?;
-        let (size, taken, mut reader) = (opened.size.unwrap_or(0), opened.taken, opened.reader);
-        let mut progress = Progress::new(size);
-        loop {
-            frames.clear();
-            let more = reader.read(&mut frames).with_context(unreadable)?;
-            for LogFrame { bus, frame } in &frames {
-                let range = match &range {
-                    Some(range) => range,
-                    None => range.insert(selection.range(frame.time)?),
-                };
-                let name = reader.buses().get(usize::from(*bus)).map_or("?", String::as_str);
-                if range.contains(&frame.time) {
-                    visit(name, frame)?;
-                }
-            }
-            interrupt.check()?;
-            if size > 0 {
-                progress.show(size.saturating_sub(taken.get()));
-            }
-            if !more {
-                break;
+        let opened = format::open(path, None, &Settings::default());
+        let opened = opened.map_err(|error| import::cannot_import(path, &error))?;
+        total += opened.size.unwrap_or(0);
+        taken.push(opened.taken);
+        readers.push(opened.reader);
+    }
+    let mut merge = Merge::new(readers, Timestamp(0), Box::new(|_, name| Ok(name.to_owned())));
+    let mut progress = Progress::new(total);
+    let (mut frames, mut range) = (Vec::new(), None);
+    while merge.next(&mut frames).map_err(|error| import::failed(logs, error))? {
+        let range: &RangeInclusive<Timestamp> = match &range {
+            Some(range) => range,
+            None => range.insert(selection.range(frames[0].frame.time)?),
+        };
+        let read = widened(range, margin);
+        for LogFrame { bus, frame } in &frames {
+            let name = merge.buses().get(usize::from(*bus)).map_or("?", String::as_str);
+            if read.contains(&frame.time) {
+                visit(name, frame, range)?;
             }
         }
-        progress.clear();
-        if !quiet && say_skipped(path, reader.skipped(), reader.notes()) {
+        interrupt.check()?;
+        if total > 0 {
+            progress.show(total.saturating_sub(taken.iter().map(|taken| taken.get()).sum()));
+        }
+    }
+    progress.clear();
+    let mut ended = Ended::Well;
+    for (path, source) in logs.iter().zip(merge.sources()).filter(|_| !quiet) {
+        if say_skipped(path, source.skipped(), source.notes()) {
             ended = Ended::WithLoss;
         }
     }
+    if merge.disordered() > 0 && !quiet {
+        let count = grouped(merge.disordered());
+        output::note(&format!("{count} frames stand behind later ones, as in the log"));
+    }
     Ok(ended)
+}
+
+/// A range of time and `margin` nanoseconds on both sides.
+pub fn widened(range: &RangeInclusive<Timestamp>, margin: u64) -> RangeInclusive<Timestamp> {
+    let start = Timestamp(range.start().nanos().saturating_sub(margin));
+    start..=Timestamp(range.end().nanos().saturating_add(margin))
 }
 
 /// Says what of a log could not be taken; true if there is anything.

@@ -1,36 +1,35 @@
-//! From what is read to the table it belongs to.
+//! From what is read to the tables it belongs to.
 
 use std::collections::HashMap;
+use std::ops::{Range, RangeInclusive};
 use std::sync::Arc;
 
 use anyhow::Result;
 
+use super::beside::{Beside, Known, Place};
+use super::can_rows::{CanRows, Lost};
 use super::decoders::Decoders;
 use super::report::Counts;
 use super::selection::Selection;
-use crate::decode::bus::{CanBus, CanItem};
 use crate::export::TableWriter;
-use crate::export::catalogue::Catalogue;
+use crate::export::catalogue::{Catalogue, Definition};
 use crate::export::message_table::Described;
-use crate::frame::{CanFlags, Frame, Timestamp};
+use crate::frame::{Frame, Stamped, Timestamp};
 use crate::recording::reader::Recording;
-
-/// A message without a table yet.
-const UNSEEN: u32 = u32::MAX;
-/// A message that is not wanted.
-const UNWANTED: u32 = u32::MAX - 1;
 
 /// Knows where frames and decoded messages go.
 pub struct Routes<'a> {
     decoders: &'a Decoders,
     selection: &'a Selection,
     buses: Vec<Bus>,
-    /// Segment and channel, and the table, if it is wanted.
-    channels: HashMap<(usize, u16), Option<u32>>,
-    /// Tables of decoded channels, over all segments: topic, name of the type.
-    topics: HashMap<(String, String), Option<u32>>,
+    /// Segment and channel of a recording, and the tables.
+    channels: HashMap<(usize, u16), Range<u32>>,
+    /// Tables of decoded channels, over all segments.
+    known: Known,
     /// The tables.
     pub catalogue: Catalogue,
+    /// Rows are wanted of these times.
+    pub range: RangeInclusive<Timestamp>,
     /// What happened.
     pub counts: Counts,
 }
@@ -38,37 +37,45 @@ pub struct Routes<'a> {
 /// A bus, and the tables of its messages.
 struct Bus {
     name: Arc<str>,
-    decoder: Option<(usize, CanBus)>,
-    /// By index of the message.
-    tables: Vec<u32>,
+    wanted: bool,
+    /// Decodes CAN frames one by one.
+    can: Option<CanRows>,
+    /// Finds what is more than one CAN frame.
+    several: Option<Beside>,
+    /// Decodes the bytes of a serial line.
+    serial: Option<Beside>,
 }
 
 impl<'a> Routes<'a> {
     /// Nothing was seen yet.
     pub fn new(decoders: &'a Decoders, selection: &'a Selection) -> Self {
         let wanted = selection.clone();
-        let wanted = Box::new(move |signal: &str| wanted.signal(signal));
         Self {
             decoders,
             selection,
             buses: Vec::new(),
             channels: HashMap::new(),
-            topics: HashMap::new(),
-            catalogue: Catalogue::new(decoders.definitions.clone(), wanted),
+            known: Known::new(),
+            catalogue: Catalogue::new(Box::new(move |signal: &str| wanted.signal(signal))),
+            range: Recording::ALL,
             counts: Counts::default(),
         }
     }
 
     /// True when raw frames are decoded, else the decoded channels of the recording are taken.
     pub fn decodes(&self) -> bool {
-        !self.decoders.definitions.is_empty()
+        !self.decoders.is_empty()
     }
 
     /// Begins anew with what is read; the tables stay.
     pub fn restart(&mut self) {
         self.counts = Counts::default();
-        for (_, decoder) in self.buses.iter_mut().filter_map(|bus| bus.decoder.as_mut()) {
-            decoder.finish(&mut |_| {});
+        for bus in &mut self.buses {
+            let fresh = Bus::new(&bus.name, self.decoders);
+            (bus.several, bus.serial) = (fresh.several, fresh.serial);
+            if let Some(can) = &mut bus.can {
+                can.forget();
+            }
         }
     }
 
@@ -77,70 +84,69 @@ impl<'a> Routes<'a> {
         if let Some(index) = self.buses.iter().position(|bus| &*bus.name == name) {
             return index;
         }
-        let definition = self.decoders.of(name).filter(|_| self.selection.bus(name));
-        let decoder = definition.and_then(|index| {
-            let definition = self.decoders.definitions.get(index)?;
-            Some((index, CanBus::new(Arc::clone(&definition.can))))
-        });
-        let messages = decoder.as_ref().map_or(0, |(_, bus)| bus.definition().messages().len());
-        self.buses.push(Bus { name: name.into(), decoder, tables: vec![UNSEEN; messages] });
+        self.buses.push(Bus { wanted: self.selection.bus(name), ..Bus::new(name, self.decoders) });
         self.buses.len() - 1
     }
 
-    /// Takes a frame.
+    /// Takes what happened on a bus.
     pub fn frame(
         &mut self,
         bus: usize,
-        time: Timestamp,
-        frame: &Frame,
+        frame: &Stamped<Frame>,
         writer: &mut dyn TableWriter,
     ) -> Result<()> {
-        let Some(bus) = self.buses.get_mut(bus) else { return Ok(()) };
-        let can = match frame {
-            Frame::Can(can) => can,
+        let Self { buses, catalogue, counts, selection, range, known, .. } = self;
+        let bus = buses.get_mut(bus).filter(|bus| bus.wanted);
+        let Some(Bus { name, can, several, serial, .. }) = bus else { return Ok(()) };
+        let inside = range.contains(&frame.time);
+        let beside = match &frame.value {
+            Frame::Can(data) => {
+                counts.frames += u64::from(inside);
+                let row = match can {
+                    Some(can) => can.row(name, frame.time, data, catalogue, selection),
+                    None => Err(Lost::Other),
+                };
+                match row {
+                    Ok(Some((table, payload))) if inside => {
+                        writer.write(catalogue, table, frame.time, payload)?;
+                        counts.rows += 1;
+                    }
+                    Err(Lost::Unknown) => counts.unknown += u64::from(inside),
+                    Err(Lost::Other) => counts.other += u64::from(inside),
+                    Ok(_) | Err(Lost::Named) => {}
+                }
+                several
+            }
             Frame::Serial(_) => {
-                self.counts.read += 1;
-                self.counts.other += 1;
-                return Ok(());
+                counts.reads += u64::from(inside);
+                counts.other += u64::from(inside && serial.is_none());
+                serial
             }
             Frame::Gap(_) => {
-                // What came before tells nothing about what follows.
-                if let Some((_, decoder)) = &mut bus.decoder {
-                    decoder.finish(&mut |_| {});
+                if let Some(can) = can {
+                    can.forget();
                 }
-                return Ok(());
+                if several.is_some() { several } else { serial }
             }
             Frame::Notice(_) => return Ok(()),
         };
-        self.counts.read += 1;
-        let Bus { name, decoder, tables } = bus;
-        let Some((definition, decoder)) = decoder else {
-            self.counts.other += 1;
-            return Ok(());
-        };
-        let mut message = None;
-        decoder.feed(time, can, &mut |item| {
-            // Messages of several frames are texts, not signals over time.
-            if let CanItem::Message(found) = item {
-                message = Some(found.index);
+        let Some(beside) = beside else { return Ok(()) };
+        beside.take(frame, Place { catalogue, known, selection, range, writer })
+    }
+
+    /// Writes what was still open, and adds up.
+    pub fn finish(&mut self, writer: &mut dyn TableWriter) -> Result<()> {
+        let Self { buses, catalogue, counts, selection, range, known, .. } = self;
+        for bus in buses {
+            for beside in bus.several.iter_mut().chain(&mut bus.serial) {
+                beside.finish(Place { catalogue, known, selection, range, writer })?;
+                counts.rows += beside.rows;
+                counts.stopped |= beside.has_stopped();
             }
-        });
-        let Some(message) = message else {
-            let special = can.flags.has(CanFlags::REMOTE) || can.flags.has(CanFlags::ERROR);
-            let count = if special { &mut self.counts.other } else { &mut self.counts.unknown };
-            *count += 1;
-            return Ok(());
-        };
-        let Some(table) = tables.get_mut(message) else { return Ok(()) };
-        if *table == UNSEEN {
-            let known = decoder.definition().messages().get(message);
-            let wanted = known.is_some_and(|known| self.selection.message(&known.name));
-            let number = if wanted { self.catalogue.add(name, *definition, message) } else { None };
-            *table = number.unwrap_or(UNWANTED);
-        }
-        if *table != UNWANTED {
-            writer.write(&self.catalogue, *table, time, can.data())?;
-            self.counts.rows += 1;
+            if let Some(serial) = &bus.serial {
+                counts.unknown += serial.counts().unknown;
+                counts.invalid += serial.counts().invalid;
+            }
         }
         Ok(())
     }
@@ -154,23 +160,27 @@ impl<'a> Routes<'a> {
         data: &[u8],
         writer: &mut dyn TableWriter,
     ) -> Result<()> {
-        self.counts.read += 1;
-        let table = if let Some(table) = self.channels.get(&place) {
-            *table
+        self.counts.messages += 1;
+        let tables = if let Some(tables) = self.channels.get(&place) {
+            tables.clone()
         } else {
-            let table = self.channel(recording, place);
-            self.channels.insert(place, table);
-            table
+            let tables = self.channel(recording, place).unwrap_or_default();
+            self.channels.insert(place, tables.clone());
+            tables
         };
-        if let Some(table) = table {
+        self.counts.rows += u64::from(!tables.is_empty());
+        for table in tables {
             writer.write(&self.catalogue, table, time, data)?;
-            self.counts.rows += 1;
         }
         Ok(())
     }
 
-    /// The table of a channel.
-    fn channel(&mut self, recording: &Recording, (segment, id): (usize, u16)) -> Option<u32> {
+    /// The tables of a channel.
+    fn channel(
+        &mut self,
+        recording: &Recording,
+        (segment, id): (usize, u16),
+    ) -> Option<Range<u32>> {
         let segment = recording.segments.get(segment)?;
         let channel = segment.channels.get(&id)?;
         let schema = segment.schemas.get(&channel.schema)?;
@@ -178,8 +188,8 @@ impl<'a> Routes<'a> {
             return None;
         }
         let key = (channel.topic.clone(), schema.name.clone());
-        if let Some(known) = self.topics.get(&key) {
-            return *known;
+        if let Some(known) = self.known.get(&key) {
+            return Some(known.clone());
         }
         let (bus, message) = channel.topic.strip_prefix('/')?.rsplit_once('/')?;
         let described = Described {
@@ -194,8 +204,25 @@ impl<'a> Routes<'a> {
             Some((key.strip_prefix("definition.")?.to_owned(), sha256.clone()))
         });
         let files: Vec<_> = files.collect();
-        let table = self.catalogue.add_message(&described, &files);
-        self.topics.insert(key, table);
-        table
+        let tables = self.catalogue.add_message(&described, &files);
+        self.known.insert(key, tables.clone());
+        Some(tables)
+    }
+}
+
+impl Bus {
+    fn new(name: &str, decoders: &Decoders) -> Self {
+        let [can, serial] = decoders.of(name);
+        let has_several =
+            |of: &Definition| !(of.can.remotes().is_empty() && of.can.assemblies().is_empty());
+        let several = can.filter(|of| of.can.as_deref().is_some_and(has_several));
+        let can = can.and_then(|protocol| protocol.can.as_ref()).map(CanRows::new);
+        Self {
+            name: name.into(),
+            wanted: true,
+            can,
+            several: several.map(|protocol| Beside::new(name, protocol)),
+            serial: serial.map(|protocol| Beside::new(name, protocol)),
+        }
     }
 }

@@ -33,18 +33,19 @@ pub enum Target {
 impl Target {
     /// Makes it, or says why not.
     pub fn create(args: &ExportArgs) -> Result<Self> {
-        check(args)?;
         if is_folder(args) {
             return Ok(Self::Folder(OutputFolder::create(&args.output, args.force)?));
         }
         Ok(Self::File(Some(Output::create(&args.output, args.force)?)))
     }
 
-    /// The writer for tables that `args` ask for.
+    /// The writer for tables that `args` ask for. `lengths` says for each table of the catalogue how
+    /// often things repeat in it, which wide tables have to know.
     pub fn writer(
         &mut self,
         args: &ExportArgs,
         catalogue: &Catalogue,
+        lengths: &[u64],
     ) -> Result<Box<dyn TableWriter>> {
         let split = split(args);
         Ok(match (args.format, args.shape, &*self) {
@@ -65,9 +66,9 @@ impl Target {
                     Fill::None => wide::Fill::None,
                 };
                 let tables = catalogue.tables();
-                let flat = self.flat(args, wide::layout(tables.iter(), fill))?;
+                let flat = self.flat(args, wide::layout(&tables, lengths, fill))?;
                 let step = u64::try_from(args.every.as_nanos()).unwrap_or(u64::MAX);
-                Box::new(Rows::new(Wide::new(flat, &tables, step, fill)))
+                Box::new(Rows::new(Wide::new(flat, &tables, lengths, step, fill)))
             }
             _ => Box::new(Rows::new(Long::new(self.flat(args, long::layout())?))),
         })
@@ -117,8 +118,8 @@ impl Target {
     }
 }
 
-/// Combinations that make no sense.
-fn check(args: &ExportArgs) -> Result<()> {
+/// An error for combinations that make no sense.
+pub fn check(args: &ExportArgs) -> Result<()> {
     let stdout = args.output.as_os_str() == "-";
     let wrong = |text: &str| Err(UsageError(text.to_owned()).into());
     if args.format == Format::Influx && args.shape != Shape::Message {
@@ -138,9 +139,17 @@ fn check(args: &ExportArgs) -> Result<()> {
     if args.shape == Shape::Wide && args.files.iter().any(|file| file.as_os_str() == "-") {
         return wrong("--shape wide reads its input twice, so it cannot be stdin");
     }
-    if args.shape == Shape::Frames && !(args.messages.is_empty() && args.signals.is_empty()) {
+    let of_signals = [&args.decode, &args.messages, &args.signals];
+    if args.shape == Shape::Frames && of_signals.iter().any(|list| !list.is_empty()) {
         return wrong(
-            "--shape frames has raw frames: --message and --signal select nothing of them",
+            "--shape frames has raw frames, of which --decode, --message and --signal say nothing; \
+             leave them out, or --shape",
+        );
+    }
+    if args.shape != Shape::Frames && !args.filters.is_empty() {
+        return wrong(
+            "--filter is about raw frames; of tables of signals select with --bus, --message and \
+             --signal",
         );
     }
     if style(args).decimal_comma && style(args).separator == b',' {

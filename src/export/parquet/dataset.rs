@@ -223,31 +223,34 @@ impl<'a> Group<'a> {
                 result = self.write(file, ones);
             }
             // Times end in the year 2262, where i64 ends too.
-            self.times.push(i64::try_from(time).unwrap_or(i64::MAX));
-            let columns = &mut self.columns;
-            match self.plan {
-                Plan::Can(plan) => plan.visit(payload, |column, cell| {
-                    if let Some(column) = columns.get_mut(column) {
-                        column.push(cell);
+            let time = i64::try_from(time).unwrap_or(i64::MAX);
+            let Self { plan, times, columns, row, .. } = self;
+            match plan {
+                Plan::Can(plan) => {
+                    times.push(time);
+                    plan.visit(payload, |column, cell| {
+                        if let Some(column) = columns.get_mut(column) {
+                            column.push(cell);
+                        }
+                    });
+                    for column in columns.iter_mut() {
+                        if column.values.rows() < times.len() {
+                            column.push_absent();
+                        }
                     }
-                }),
-                Plan::Message(plan) => {
-                    plan.row(payload, &mut self.row);
-                    for (column, cell) in columns.iter_mut().zip(&self.row.cells) {
+                }
+                Plan::Message(plan) => plan.rows(payload, row, |row| {
+                    times.push(time);
+                    for (column, cell) in columns.iter_mut().zip(&row.cells) {
                         match cell.value {
                             Value::Text(from, to) => {
-                                let bytes = self.row.text(from, to).to_vec();
+                                let bytes = row.text(from, to).to_vec();
                                 column.values.push_bytes(bytes.into());
                             }
                             _ => column.push(*cell),
                         }
                     }
-                }
-            }
-            for column in columns {
-                if column.values.rows() < self.times.len() {
-                    column.push_absent();
-                }
+                }),
             }
         });
         result

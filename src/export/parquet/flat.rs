@@ -16,8 +16,6 @@ use crate::frame::Timestamp;
 
 /// Memory for the columns of a row group.
 const GROUP: usize = 16 << 20;
-/// So many different texts of a column are remembered.
-const TEXTS: usize = 4096;
 
 /// Where the files go.
 pub enum Place {
@@ -40,7 +38,7 @@ pub struct FlatParquet {
     most: usize,
     times: Vec<i64>,
     columns: Vec<SignalData>,
-    texts: Vec<HashMap<Vec<u8>, ByteArray>>,
+    known: Vec<ByteArray>,
     ones: Vec<i16>,
 }
 
@@ -66,7 +64,6 @@ impl FlatParquet {
     pub fn new(table: Table, place: Place, level: i32) -> Self {
         let most = (GROUP / row_bytes(&table.columns)).clamp(1, 1 << 20);
         let columns: Vec<_> = table.columns.iter().map(SignalData::new).collect();
-        let texts = columns.iter().map(|_| HashMap::new()).collect();
         Self {
             table,
             level,
@@ -78,7 +75,7 @@ impl FlatParquet {
             most,
             times: Vec::new(),
             columns,
-            texts,
+            known: Vec::new(),
             ones: Vec::new(),
         }
     }
@@ -130,6 +127,11 @@ impl FlatParquet {
 }
 
 impl FlatWriter for FlatParquet {
+    fn know(&mut self, text: &str) -> u32 {
+        self.known.push(text.as_bytes().to_vec().into());
+        u32::try_from(self.known.len() - 1).unwrap_or(u32::MAX)
+    }
+
     fn row(&mut self, time: Timestamp, row: &Row) -> io::Result<()> {
         if let Place::Folder(_, split) = &self.place {
             let period = split.number(time);
@@ -141,23 +143,17 @@ impl FlatWriter for FlatParquet {
         }
         // Times end in the year 2262, where i64 ends too.
         self.times.push(i64::try_from(time.nanos()).unwrap_or(i64::MAX));
-        for ((column, texts), cell) in self.columns.iter_mut().zip(&mut self.texts).zip(&row.cells)
-        {
-            let Value::Text(from, to) = cell.value else {
-                column.push(*cell);
-                continue;
-            };
-            let bytes = row.text(from, to);
-            let text = if let Some(text) = texts.get(bytes) {
-                text.clone()
-            } else {
-                let text = ByteArray::from(bytes.to_vec());
-                if texts.len() < TEXTS {
-                    texts.insert(bytes.to_vec(), text.clone());
+        for (column, cell) in self.columns.iter_mut().zip(&row.cells) {
+            match cell.value {
+                Value::Known(number) => match self.known.get(number as usize) {
+                    Some(text) => column.values.push_bytes(text.clone()),
+                    None => column.push_absent(),
+                },
+                Value::Text(from, to) => {
+                    column.values.push_bytes(row.text(from, to).to_vec().into());
                 }
-                text
-            };
-            column.values.push_bytes(text);
+                _ => column.push(*cell),
+            }
         }
         if self.times.len() >= self.most { self.flush() } else { Ok(()) }
     }

@@ -33,44 +33,60 @@ const FLAGS: [(CanFlags, &str); 7] = [
 pub struct Frames {
     out: Box<dyn FlatWriter>,
     row: Row,
-    flags: String,
+    /// Names of buses, as the writer knows them.
+    buses: Vec<(String, u32)>,
+    /// The words of flags: of CAN frames by their bits, then of received and of sent bytes.
+    flags: Vec<u32>,
 }
+
+/// Combinations of the flags of CAN frames.
+const COMBINATIONS: u8 = 128;
 
 impl Frames {
     /// To `out`, which has the layout of [`layout`].
-    pub fn new(out: Box<dyn FlatWriter>) -> Self {
-        Self { out, row: Row::default(), flags: String::new() }
+    pub fn new(mut out: Box<dyn FlatWriter>) -> Self {
+        let words = |bits: u8| {
+            let set = FLAGS.iter().filter(|(flag, _)| CanFlags(bits).has(*flag));
+            set.map(|(_, name)| *name).collect::<Vec<_>>().join(" ")
+        };
+        let flags = (0..COMBINATIONS).map(words);
+        let flags = flags.chain(["serial rx", "serial tx"].map(str::to_owned));
+        let flags = flags.map(|words| out.know(&words)).collect();
+        Self { out, row: Row::default(), buses: Vec::new(), flags }
     }
 
     /// Writes a frame, or the bytes of one read of a serial line; false for what is neither.
     pub fn write(&mut self, bus: &str, time: Timestamp, frame: &Frame) -> io::Result<bool> {
-        self.row.clear(0);
-        self.row.push_text(Some(bus));
+        let known = match self.buses.iter().find(|(name, _)| name == bus) {
+            Some((_, known)) => *known,
+            None => {
+                let known = self.out.know(bus);
+                self.buses.push((bus.to_owned(), known));
+                known
+            }
+        };
+        let flags = |at: u8| self.flags.get(usize::from(at)).copied();
+        let row = &mut self.row;
+        row.clear(0);
+        row.push_known(Some(known));
         match frame {
             Frame::Can(can) => {
-                self.flags.clear();
-                for (_, name) in FLAGS.iter().filter(|(flag, _)| can.flags.has(*flag)) {
-                    if !self.flags.is_empty() {
-                        self.flags.push(' ');
-                    }
-                    self.flags.push_str(name);
-                }
-                self.row.push(Value::Unsigned(can.id.into()));
-                self.row.push_text(Some(&self.flags));
+                row.push(Value::Unsigned(can.id.into()));
+                row.push_known(flags(can.flags.0 & (COMBINATIONS - 1)));
                 let said = (can.dlc > 0).then_some(Value::Unsigned(can.dlc.into()));
-                self.row.push(said.unwrap_or_default());
-                self.row.push_bytes(can.data());
+                row.push(said.unwrap_or_default());
+                row.push_bytes(can.data());
             }
             Frame::Serial(bytes) => {
-                let rx = bytes.direction == Direction::Rx;
-                self.row.push(Value::Absent);
-                self.row.push_text(Some(if rx { "serial rx" } else { "serial tx" }));
-                self.row.push(Value::Absent);
-                self.row.push_bytes(&bytes.data);
+                row.push(Value::Absent);
+                let tx = bytes.direction == Direction::Tx;
+                row.push_known(flags(COMBINATIONS + u8::from(tx)));
+                row.push(Value::Absent);
+                row.push_bytes(&bytes.data);
             }
             Frame::Gap(_) | Frame::Notice(_) => return Ok(false),
         }
-        self.out.row(time, &self.row)?;
+        self.out.row(time, row)?;
         Ok(true)
     }
 

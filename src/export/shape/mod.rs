@@ -2,6 +2,7 @@
 
 pub mod frames;
 pub mod long;
+pub mod survey;
 pub mod wide;
 
 use crate::export::table::{Column, Kind, Table};

@@ -5,6 +5,7 @@
 
 use std::io;
 
+use super::survey::MOST_ELEMENTS;
 use super::table;
 use crate::export::rows::{FlatWriter, RowWriter};
 use crate::export::table::{Cell, Column, Kind, Row, Table, Value};
@@ -24,20 +25,31 @@ pub enum Fill {
     None,
 }
 
-/// What the table of these tables looks like: columns `<bus>.<Message>.<Signal>`, without texts.
-pub fn layout<'a>(tables: impl Iterator<Item = &'a Table>, fill: Fill) -> Table {
+/// What the table of these tables looks like: columns `<bus>.<Message>.<Signal>`, and
+/// `<bus>.<Message>.<field>.<Signal>.<index>` for each of the elements of what repeats; without
+/// texts. `lengths` says how many elements there are, for each table.
+pub fn layout(tables: &[Table], lengths: &[u64], fill: Fill) -> Table {
     let mut columns = Vec::new();
-    for of in tables {
-        for column in of.columns.iter().filter(|column| is_number(column)) {
-            columns.push(Column {
-                name: format!("{}.{}.{}", of.bus, of.message, column.name),
-                kind: if fill == Fill::Mean { Kind::Float64 } else { column.kind },
-                labels: None,
-                ..column.clone()
-            });
+    for (of, length) in tables.iter().zip(lengths) {
+        for index in 0..*length {
+            for column in numbers(of) {
+                let name = format!("{}.{}.{}", of.bus, of.message, column.name);
+                columns.push(Column {
+                    name: if of.repeats { format!("{name}.{index}") } else { name },
+                    kind: if fill == Fill::Mean { Kind::Float64 } else { column.kind },
+                    labels: None,
+                    ..column.clone()
+                });
+            }
         }
     }
     table(columns)
+}
+
+/// The columns of a table that have a place in a wide one.
+fn numbers(table: &Table) -> impl Iterator<Item = &Column> {
+    let values = table.columns.iter().skip(usize::from(table.repeats));
+    values.filter(|column| is_number(column))
 }
 
 fn is_number(column: &Column) -> bool {
@@ -49,8 +61,8 @@ pub struct Wide {
     out: Box<dyn FlatWriter>,
     step: u64,
     fill: Fill,
-    /// By number of the table: the first of its columns.
-    firsts: Vec<usize>,
+    /// By number of the table.
+    places: Vec<Place>,
     /// Start of the step that is being collected.
     now: Option<u64>,
     row: Row,
@@ -58,22 +70,40 @@ pub struct Wide {
     sums: Vec<(f64, u32)>,
     pauses: u64,
     late: u64,
+    beyond: u64,
+}
+
+/// Where the values of a table go.
+#[derive(Clone, Copy)]
+struct Place {
+    first: usize,
+    /// Columns of one element.
+    width: usize,
+    /// Elements that have columns.
+    length: u64,
 }
 
 impl Wide {
-    /// To `out`, which has the [`layout`] of `tables`; a step is `step` nanoseconds.
-    pub fn new(out: Box<dyn FlatWriter>, tables: &[Table], step: u64, fill: Fill) -> Self {
+    /// To `out`, which has the [`layout`] of `tables` and `lengths`; a step is `step` nanoseconds.
+    pub fn new(
+        out: Box<dyn FlatWriter>,
+        tables: &[Table],
+        lengths: &[u64],
+        step: u64,
+        fill: Fill,
+    ) -> Self {
         let mut columns = 0;
-        let firsts = tables.iter().map(|table| {
-            let first = columns;
-            columns += table.columns.iter().filter(|column| is_number(column)).count();
-            first
+        let places = tables.iter().zip(lengths).map(|(table, length)| {
+            let (first, width) = (columns, numbers(table).count());
+            columns += width * usize::try_from(*length).unwrap_or(usize::MAX);
+            Place { first, width, length: *length }
         });
-        let firsts = firsts.collect();
+        let places = places.collect();
         let mut row = Row::default();
         row.clear(columns);
         let sums = vec![(0.0, 0); columns];
-        Self { out, step: step.max(1), fill, firsts, now: None, row, sums, pauses: 0, late: 0 }
+        let (pauses, late, beyond) = (0, 0, 0);
+        Self { out, step: step.max(1), fill, places, now: None, row, sums, pauses, late, beyond }
     }
 
     /// Writes the rows of all steps before `time`.
@@ -117,11 +147,18 @@ impl RowWriter for Wide {
         if self.now.is_none_or(|now| time.nanos() < now || time.nanos() - now >= self.step) {
             self.advance(time.nanos())?;
         }
-        let Some(first) = self.firsts.get(number as usize) else { return Ok(()) };
-        let cells = table.columns.iter().zip(&row.cells).filter(|(column, _)| is_number(column));
-        for (at, (_, cell)) in (*first..).zip(cells) {
+        let Some(place) = self.places.get(number as usize).copied() else { return Ok(()) };
+        let (index, values) = table.values(row);
+        let index = index.unwrap_or(0);
+        if index >= place.length {
+            self.beyond += 1;
+            return Ok(());
+        }
+        let first = place.first + place.width * usize::try_from(index).unwrap_or(usize::MAX);
+        let values = values.filter(|(column, _)| is_number(column));
+        for (at, (_, cell)) in (first..).zip(values) {
             let number = match cell.value {
-                Value::Absent | Value::Text(..) => continue,
+                Value::Absent | Value::Text(..) | Value::Known(_) => continue,
                 Value::Unsigned(number) => number as f64,
                 Value::Signed(number) => number as f64,
                 Value::Float(number) => number,
@@ -162,6 +199,12 @@ impl RowWriter for Wide {
                 "{} messages came with an earlier time than those before; they count for the step \
                  that was open",
                 self.late
+            ));
+        }
+        if self.beyond > 0 {
+            notes.push(format!(
+                "{} values have no column: of what repeats, the first {MOST_ELEMENTS} have one",
+                self.beyond
             ));
         }
         notes

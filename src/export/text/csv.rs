@@ -2,7 +2,7 @@
 
 use std::io;
 
-use super::{Clock, TimeStyle, put_float, put_integer, text_of};
+use super::{Clock, Known, TimeStyle, put_float, put_hex, put_integer};
 use crate::export::rows::FlatWriter;
 use crate::export::stream::Stream;
 use crate::export::table::{Kind, Row, Table, Value};
@@ -14,7 +14,7 @@ use crate::text::printable;
 pub struct Style {
     /// Between columns; ASCII.
     pub separator: u8,
-    /// 1,5 instead of 1.5.
+    /// 1,5 instead of 1.5, in numbers.
     pub decimal_comma: bool,
     /// Units in the names of columns.
     pub units: bool,
@@ -44,14 +44,16 @@ pub fn put_head(out: &mut Vec<u8>, table: &Table, style: Style) {
 pub fn put_row(
     out: &mut Vec<u8>,
     table: &Table,
+    known: &Known,
     clock: &mut Clock,
-    time: Timestamp,
-    row: &Row,
+    (time, row): (Timestamp, &Row),
     style: Style,
 ) {
     let start = out.len();
     clock.put(out, time);
-    with_comma(out, start, style);
+    if style.time == TimeStyle::Epoch {
+        with_comma(out, start, style);
+    }
     for (column, cell) in table.columns.iter().zip(&row.cells) {
         out.push(style.separator);
         match cell.value {
@@ -67,10 +69,11 @@ pub fn put_row(
                 put_float(out, number, column.kind == Kind::Float32);
                 with_comma(out, start, style);
             }
+            Value::Text(..) if column.kind == Kind::Bytes => put_hex(out, row.bytes(cell.value)),
             Value::Text(..) => {
-                let text = text_of(row, cell.value, column.kind == Kind::Bytes).unwrap_or_default();
-                put_text(out, &text, style.separator);
+                put_text(out, &String::from_utf8_lossy(row.bytes(cell.value)), style.separator);
             }
+            Value::Known(text) => out.extend_from_slice(known.get(text)),
         }
         if let Some(labels) = &column.labels {
             out.push(style.separator);
@@ -128,28 +131,38 @@ pub struct CsvWriter {
     table: Table,
     stream: Stream,
     clock: Clock,
+    known: Known,
     style: Style,
 }
 
 impl CsvWriter {
     /// To `stream`.
     pub fn new(table: Table, stream: Stream, style: Style) -> Self {
-        Self { table, stream, clock: Clock::new(style.time), style }
+        Self { table, stream, clock: Clock::new(style.time), known: Known::default(), style }
     }
 }
 
 impl FlatWriter for CsvWriter {
+    fn know(&mut self, text: &str) -> u32 {
+        let mut written = Vec::new();
+        put_text(&mut written, text, self.style.separator);
+        self.known.add(written)
+    }
+
     fn row(&mut self, time: Timestamp, row: &Row) -> io::Result<()> {
         let new = self.stream.at(time)?;
         let out = self.stream.buffer();
         if new {
             put_head(out, &self.table, self.style);
         }
-        put_row(out, &self.table, &mut self.clock, time, row, self.style);
+        put_row(out, &self.table, &self.known, &mut self.clock, (time, row), self.style);
         self.stream.pass_on()
     }
 
     fn finish(&mut self) -> io::Result<()> {
+        if self.stream.begin_empty() {
+            put_head(self.stream.buffer(), &self.table, self.style);
+        }
         self.stream.finish()
     }
 

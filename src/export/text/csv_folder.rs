@@ -4,8 +4,8 @@ use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
 
-use super::Clock;
 use super::csv::{Style, put_head, put_row};
+use super::{Clock, Known};
 use crate::export::output::{about, part_of};
 use crate::export::path_name;
 use crate::export::period::Split;
@@ -25,6 +25,8 @@ pub struct CsvFolder {
     style: Style,
     split: Split,
     clock: Clock,
+    /// None: rows of messages have texts of their own.
+    known: Known,
     tables: Vec<File>,
     /// Bytes in all buffers.
     waiting: usize,
@@ -46,6 +48,7 @@ impl CsvFolder {
             style,
             split,
             clock: Clock::new(style.time),
+            known: Known::default(),
             tables: Vec::new(),
             waiting: 0,
             files: 0,
@@ -104,7 +107,8 @@ impl RowWriter for CsvFolder {
         }
         let Some(file) = self.tables.get_mut(index) else { return Ok(()) };
         let before = file.buffer.len();
-        put_row(&mut file.buffer, table, &mut self.clock, time, row, self.style);
+        let Self { clock, known, .. } = self;
+        put_row(&mut file.buffer, table, known, clock, (time, row), self.style);
         self.waiting += file.buffer.len() - before;
         if file.buffer.len() >= PIECE {
             self.flush(index)?;

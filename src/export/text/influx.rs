@@ -2,10 +2,11 @@
 
 use std::io;
 
+use super::prepared::{Escape, Tables};
 use super::{put_float, put_integer, text_of};
 use crate::export::rows::RowWriter;
 use crate::export::stream::Stream;
-use crate::export::table::{Kind, Row, Table, Value};
+use crate::export::table::{Column, Kind, Row, Table, Value};
 use crate::frame::Timestamp;
 use crate::text::printable;
 
@@ -13,12 +14,36 @@ use crate::text::printable;
 /// Columns of integers without sign that need 64 bits get the suffix `u`, other integers `i`.
 pub struct InfluxWriter {
     stream: Stream,
+    tables: Tables,
 }
 
 impl InfluxWriter {
     /// To `stream`.
     pub fn new(stream: Stream) -> Self {
-        Self { stream }
+        Self { stream, tables: Tables::default() }
+    }
+}
+
+struct Lines;
+
+impl Escape for Lines {
+    fn head(table: &Table, out: &mut Vec<u8>) {
+        // A measurement may not begin with an underscore, nor a line with #.
+        if table.message.starts_with(['_', '#']) {
+            out.push(b'm');
+        }
+        put_name(out, &table.message, b", ");
+        out.extend_from_slice(b",bus=");
+        put_name(out, &table.bus, b",= ");
+    }
+
+    fn name(name: &str, out: &mut Vec<u8>) {
+        put_name(out, name, b",= ");
+        out.push(b'=');
+    }
+
+    fn text(text: &str, out: &mut Vec<u8>) {
+        put_string(out, text);
     }
 }
 
@@ -49,20 +74,39 @@ fn put_string(out: &mut Vec<u8>, text: &str) {
     out.push(b'"');
 }
 
+fn put_value(out: &mut Vec<u8>, column: &Column, row: &Row, value: Value) {
+    match value {
+        // Rows of messages have no texts that the writer knows.
+        Value::Absent | Value::Known(_) => {}
+        Value::Unsigned(number) => {
+            put_integer(out, number);
+            out.push(if column.kind == Kind::Unsigned(64) { b'u' } else { b'i' });
+        }
+        Value::Signed(number) => {
+            put_integer(out, number);
+            out.push(b'i');
+        }
+        Value::Float(number) => put_float(out, number, column.kind == Kind::Float32),
+        Value::Text(..) => put_string(out, &text_of(row, value, column.kind == Kind::Bytes)),
+    }
+}
+
 impl RowWriter for InfluxWriter {
-    fn row(&mut self, _: u32, table: &Table, time: Timestamp, row: &Row) -> io::Result<()> {
+    fn row(&mut self, number: u32, table: &Table, time: Timestamp, row: &Row) -> io::Result<()> {
         self.stream.at(time)?;
+        let Some(names) = self.tables.of::<Lines>(number, table) else { return Ok(()) };
         let out = self.stream.buffer();
         let start = out.len();
-        // A measurement may not begin with an underscore, nor a line with #.
-        if table.message.starts_with(['_', '#']) {
-            out.push(b'm');
+        out.extend_from_slice(&names.head);
+        let (index, values) = table.values(row);
+        if let Some(index) = index {
+            // A tag: InfluxDB keeps one line of those that have the same tags and time.
+            out.extend_from_slice(b",index=");
+            put_integer(out, index);
         }
-        put_name(out, &table.message, b", ");
-        out.extend_from_slice(b",bus=");
-        put_name(out, &table.bus, b",= ");
         let mut before = b' ';
-        for (column, cell) in table.columns.iter().zip(&row.cells) {
+        let named = names.columns.iter_mut().skip(usize::from(table.repeats));
+        for ((column, cell), named) in values.zip(named) {
             // The protocol has no numbers that are not finite.
             let absent = match cell.value {
                 Value::Absent => true,
@@ -73,31 +117,12 @@ impl RowWriter for InfluxWriter {
                 continue;
             }
             out.push(std::mem::replace(&mut before, b','));
-            put_name(out, &column.name, b",= ");
-            out.push(b'=');
-            match cell.value {
-                Value::Absent => {}
-                Value::Unsigned(number) => {
-                    put_integer(out, number);
-                    out.push(if column.kind == Kind::Unsigned(64) { b'u' } else { b'i' });
-                }
-                Value::Signed(number) => {
-                    put_integer(out, number);
-                    out.push(b'i');
-                }
-                Value::Float(number) => put_float(out, number, column.kind == Kind::Float32),
-                Value::Text(..) => {
-                    let hex = column.kind == Kind::Bytes;
-                    put_string(out, &text_of(row, cell.value, hex).unwrap_or_default());
-                }
-            }
-            let labels = column.labels.as_ref();
-            let label = labels.and_then(|labels| labels.get(cell.label? as usize));
-            if let Some(text) = label {
+            out.extend_from_slice(&named.name);
+            put_value(out, column, row, cell.value);
+            if let Some((name, text)) = named.label::<Lines>(column, *cell) {
                 out.push(b',');
-                put_name(out, &column.label_name(), b",= ");
-                out.push(b'=');
-                put_string(out, text);
+                out.extend_from_slice(name);
+                out.extend_from_slice(text);
             }
         }
         if before == b' ' {

@@ -2,10 +2,11 @@
 
 use std::io;
 
-use super::{Clock, TimeStyle, put_float, put_integer, text_of};
+use super::prepared::{Escape, Tables};
+use super::{Clock, Known, TimeStyle, put_float, put_integer, text_of};
 use crate::export::rows::{FlatWriter, RowWriter};
 use crate::export::stream::Stream;
-use crate::export::table::{Cell, Column, Kind, Row, Table, Value};
+use crate::export::table::{Column, Kind, Row, Table, Value};
 use crate::frame::Timestamp;
 use crate::text::printable_json;
 
@@ -23,18 +24,15 @@ fn put_string(out: &mut Vec<u8>, text: &str) {
 }
 
 /// Appends a value; JSON has no numbers that are not finite.
-fn put_value(out: &mut Vec<u8>, column: &Column, row: &Row, cell: Cell) {
-    match cell.value {
+fn put_value(out: &mut Vec<u8>, column: &Column, row: &Row, value: Value) {
+    match value {
         Value::Unsigned(number) => put_integer(out, number),
         Value::Signed(number) => put_integer(out, number),
         Value::Float(number) if number.is_finite() => {
             put_float(out, number, column.kind == Kind::Float32);
         }
-        Value::Absent | Value::Float(_) => out.extend_from_slice(b"null"),
-        Value::Text(..) => {
-            let text = text_of(row, cell.value, column.kind == Kind::Bytes).unwrap_or_default();
-            put_string(out, &text);
-        }
+        Value::Text(..) => put_string(out, &text_of(row, value, column.kind == Kind::Bytes)),
+        Value::Absent | Value::Known(_) | Value::Float(_) => out.extend_from_slice(b"null"),
     }
 }
 
@@ -55,50 +53,76 @@ fn put_time(out: &mut Vec<u8>, clock: &mut Clock, time: Timestamp, style: TimeSt
 pub struct JsonRows {
     stream: Stream,
     clock: Clock,
+    tables: Tables,
     style: TimeStyle,
 }
 
 impl JsonRows {
     /// To `stream`.
     pub fn new(stream: Stream, style: TimeStyle) -> Self {
-        Self { stream, clock: Clock::new(style), style }
+        Self { stream, clock: Clock::new(style), tables: Tables::default(), style }
     }
 }
 
-impl RowWriter for JsonRows {
-    fn row(&mut self, _: u32, table: &Table, time: Timestamp, row: &Row) -> io::Result<()> {
-        self.stream.at(time)?;
-        let out = self.stream.buffer();
-        put_time(out, &mut self.clock, time, self.style);
+/// A comma between parts.
+fn part(out: &mut Vec<u8>, first: &mut bool) {
+    if !std::mem::replace(first, false) {
+        out.push(b',');
+    }
+}
+
+struct Objects;
+
+impl Escape for Objects {
+    fn head(table: &Table, out: &mut Vec<u8>) {
         out.extend_from_slice(b",\"bus\":");
         put_string(out, &table.bus);
         out.extend_from_slice(b",\"message\":");
         put_string(out, &table.message);
         out.extend_from_slice(b",\"signals\":{");
-        let present = || {
-            let cells = table.columns.iter().zip(&row.cells);
-            cells.filter(|(_, cell)| cell.value != Value::Absent)
-        };
-        for (number, (column, cell)) in present().enumerate() {
-            if number > 0 {
-                out.push(b',');
+    }
+
+    fn name(name: &str, out: &mut Vec<u8>) {
+        put_string(out, name);
+        out.push(b':');
+    }
+
+    // Texts stand in an object of their own.
+    fn label_name(column: &Column) -> String {
+        column.name.clone()
+    }
+
+    fn text(text: &str, out: &mut Vec<u8>) {
+        put_string(out, text);
+    }
+}
+
+impl RowWriter for JsonRows {
+    fn row(&mut self, number: u32, table: &Table, time: Timestamp, row: &Row) -> io::Result<()> {
+        self.stream.at(time)?;
+        let Some(names) = self.tables.of::<Objects>(number, table) else { return Ok(()) };
+        let out = self.stream.buffer();
+        put_time(out, &mut self.clock, time, self.style);
+        out.extend_from_slice(&names.head);
+        let cells = || table.columns.iter().zip(&row.cells);
+        let mut first = true;
+        for ((column, cell), named) in cells().zip(&names.columns) {
+            if cell.value != Value::Absent {
+                part(out, &mut first);
+                out.extend_from_slice(&named.name);
+                put_value(out, column, row, cell.value);
             }
-            put_string(out, &column.name);
-            out.push(b':');
-            put_value(out, column, row, *cell);
         }
         out.extend_from_slice(b"},\"labels\":{");
-        let labelled = present().filter_map(|(column, cell)| {
-            let labels = column.labels.as_ref()?;
-            Some((column, labels.get(cell.label? as usize)?))
-        });
-        for (number, (column, text)) in labelled.enumerate() {
-            if number > 0 {
-                out.push(b',');
+        let mut first = true;
+        for ((column, cell), named) in cells().zip(&mut names.columns) {
+            let absent = cell.value == Value::Absent;
+            let Some((name, text)) = named.label::<Objects>(column, *cell) else { continue };
+            if !absent {
+                part(out, &mut first);
+                out.extend_from_slice(name);
+                out.extend_from_slice(text);
             }
-            put_string(out, &column.name);
-            out.push(b':');
-            put_string(out, text);
         }
         out.extend_from_slice(b"}}\n");
         self.stream.pass_on()
@@ -118,17 +142,24 @@ pub struct JsonFlat {
     table: Table,
     stream: Stream,
     clock: Clock,
+    known: Known,
     style: TimeStyle,
 }
 
 impl JsonFlat {
     /// To `stream`.
     pub fn new(table: Table, stream: Stream, style: TimeStyle) -> Self {
-        Self { table, stream, clock: Clock::new(style), style }
+        Self { table, stream, clock: Clock::new(style), known: Known::default(), style }
     }
 }
 
 impl FlatWriter for JsonFlat {
+    fn know(&mut self, text: &str) -> u32 {
+        let mut written = Vec::new();
+        put_string(&mut written, text);
+        self.known.add(written)
+    }
+
     fn row(&mut self, time: Timestamp, row: &Row) -> io::Result<()> {
         self.stream.at(time)?;
         let out = self.stream.buffer();
@@ -137,7 +168,10 @@ impl FlatWriter for JsonFlat {
             out.push(b',');
             put_string(out, &column.name);
             out.push(b':');
-            put_value(out, column, row, *cell);
+            match cell.value {
+                Value::Known(text) => out.extend_from_slice(self.known.get(text)),
+                value => put_value(out, column, row, value),
+            }
         }
         out.extend_from_slice(b"}\n");
         self.stream.pass_on()

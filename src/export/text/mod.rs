@@ -4,6 +4,9 @@ pub mod csv;
 pub mod csv_folder;
 pub mod influx;
 pub mod jsonl;
+mod prepared;
+
+use std::borrow::Cow;
 
 use crate::export::table::{Row, Value};
 use crate::frame::Timestamp;
@@ -62,6 +65,24 @@ impl Clock {
     }
 }
 
+/// Texts that stand in many rows, as they are written.
+#[derive(Debug, Default)]
+pub struct Known(Vec<Box<[u8]>>);
+
+impl Known {
+    /// Remembers a text; its number.
+    pub fn add(&mut self, written: Vec<u8>) -> u32 {
+        self.0.push(written.into());
+        u32::try_from(self.0.len() - 1).unwrap_or(u32::MAX)
+    }
+
+    /// A text by its number.
+    #[inline]
+    pub fn get(&self, number: u32) -> &[u8] {
+        self.0.get(number as usize).map_or(&[], |text| text)
+    }
+}
+
 /// Appends an integer.
 pub fn put_integer(out: &mut Vec<u8>, number: impl itoa::Integer) {
     out.extend_from_slice(itoa::Buffer::new().format(number).as_bytes());
@@ -76,15 +97,21 @@ pub fn put_float(out: &mut Vec<u8>, number: f64, single: bool) {
     out.extend_from_slice(text.strip_suffix(".0").unwrap_or(text).as_bytes());
 }
 
+/// Appends bytes as hexadecimal digits.
+pub fn put_hex(out: &mut Vec<u8>, bytes: &[u8]) {
+    let digit = |half: u8| DIGITS[usize::from(half)];
+    out.extend(bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(byte & 15)]));
+}
+
 /// The text of a text value; bytes as hexadecimal digits when `hex`.
-pub fn text_of(row: &Row, value: Value, hex: bool) -> Option<std::borrow::Cow<'_, str>> {
-    let Value::Text(from, to) = value else { return None };
-    let bytes = row.text(from, to);
+pub fn text_of(row: &Row, value: Value, hex: bool) -> Cow<'_, str> {
+    let bytes = row.bytes(value);
     if !hex {
-        return Some(String::from_utf8_lossy(bytes));
+        return String::from_utf8_lossy(bytes);
     }
-    let digits = bytes.iter().flat_map(|byte| [byte >> 4, byte & 15]);
-    Some(digits.map(|digit| char::from(DIGITS[usize::from(digit)])).collect::<String>().into())
+    let mut digits = Vec::new();
+    put_hex(&mut digits, bytes);
+    String::from_utf8(digits).unwrap_or_default().into()
 }
 
 #[cfg(test)]

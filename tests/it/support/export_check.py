@@ -2,7 +2,8 @@
 
     export_check.py DBC LOG KIND PATH [ARGUMENT]
 
-KIND is pyarrow, unified, pandas, duckdb, csv, jsonl, influx, long or wide. Prints how many rows and
+KIND is pyarrow, unified, pandas, duckdb, polars, csv, jsonl, influx (line protocol, parsed to JSON),
+long or wide. Prints how many rows and
 values were equal; any difference is an error.
 """
 import csv, json, math, os, re, struct, sys
@@ -131,6 +132,14 @@ def main():
             rows = [dict(zip(names, row)) for row in result.fetchall()]
             compare(message, want[message], [(row.pop("t"), row) for row in rows])
             seen.add(message)
+    elif KIND == "polars":
+        import polars
+        for message, path in folders():
+            frame = polars.read_parquet(os.path.join(path, "*.parquet"), hive_partitioning=False)
+            assert frame.schema["time"] == polars.Datetime("ns", "UTC"), frame.schema
+            times = frame["time"].dt.timestamp("ns").to_list()
+            compare(message, want[message], list(zip(times, frame.drop("time").to_dicts())))
+            seen.add(message)
     elif KIND == "csv":
         units = json.loads(MORE[0]) if MORE else {}
         for name in os.listdir(os.path.join(PATH, "can0")):
@@ -151,10 +160,9 @@ def main():
             seen.add(message)
     elif KIND == "influx":
         found = {}
-        for line in open(PATH):
-            measurement, tags, fields, time = influx(line.rstrip("\n"))
-            assert tags == {"bus": "can0"}, tags
-            found.setdefault(measurement, []).append((time, fields))
+        for line in map(json.loads, open(PATH)):
+            assert line["tags"] == {"bus": "can0"}, line
+            found.setdefault(line["measurement"], []).append((line["time"], line["fields"]))
         for message, rows in found.items():
             compare(message, want[message], rows)
             seen.add(message)
@@ -191,59 +199,6 @@ def nanos(text):
     found = re.fullmatch(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)\.(\d{9})Z", text)
     moment = datetime.datetime.fromisoformat(found[1] + "+00:00")
     return int(moment.timestamp()) * 10**9 + int(found[2])
-
-
-def influx(line):
-    """InfluxDB documentation, "Line protocol": a parser of our own"""
-    parts, part, quoted, at = [], "", False, 0
-    while at < len(line):
-        char = line[at]
-        if char == "\\" and at + 1 < len(line):
-            part += line[at:at + 2]
-            at += 2
-            continue
-        if char == '"' and len(parts) == 1:
-            quoted = not quoted
-        if char == " " and not quoted:
-            parts.append(part)
-            part = ""
-        else:
-            part += char
-        at += 1
-    head, body, time = [*parts, part]
-
-    def split(text, mark):
-        out, piece, quoted, at = [], "", False, 0
-        while at < len(text):
-            if text[at] == "\\" and at + 1 < len(text):
-                piece += text[at:at + 2]
-                at += 2
-                continue
-            if text[at] == '"':
-                quoted = not quoted
-            if text[at] == mark and not quoted:
-                out.append(piece)
-                piece = ""
-            else:
-                piece += text[at]
-            at += 1
-        return [*out, piece]
-
-    plain = lambda text: re.sub(r"\\([,= ])", r"\1", text)
-    measurement, *tags = split(head, ",")
-    tags = {plain(k): plain(v) for k, v in (split(tag, "=") for tag in tags)}
-    fields = {}
-    for field in split(body, ","):
-        key, value = split(field, "=")
-        if value.startswith('"'):
-            assert value.endswith('"'), line
-            value = re.sub(r'\\(["\\])', r"\1", value[1:-1])
-        elif value[-1] in "iu":
-            value = int(value[:-1])
-        else:
-            value = float(value)
-        fields[plain(key)] = value
-    return plain(measurement), tags, fields, int(time)
 
 
 def wide(want):

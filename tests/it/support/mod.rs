@@ -1,6 +1,7 @@
 //! What the tests share.
 
 pub mod bytes;
+pub mod line_protocol;
 pub mod make;
 pub mod mcap;
 pub mod messages;
@@ -8,6 +9,8 @@ pub mod peers;
 pub mod process;
 pub mod terminal;
 
+use std::fs;
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use bustape::frame::CanFrame;
@@ -49,4 +52,22 @@ pub fn several<T: Send, R: Send>(items: Vec<T>, work: impl Fn(T) -> R + Sync) ->
         }));
     }
     results
+}
+
+/// All files in a folder and below.
+pub fn files(folder: &Path) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut folders = vec![folder.to_owned()];
+    while let Some(inside) = folders.pop() {
+        for entry in fs::read_dir(inside).unwrap() {
+            let path = entry.unwrap().path();
+            if path.is_dir() {
+                folders.push(path);
+            } else {
+                found.push(path.strip_prefix(folder).unwrap().to_str().unwrap().to_owned());
+            }
+        }
+    }
+    found.sort();
+    found
 }

@@ -53,7 +53,7 @@ fn main() -> Result<()> {
     };
     let target = Target::File(args.file);
     let mut segments = Segments::new(Box::new(RealDisk), target, Split::default(), options)?;
-    let mut segment = segments.open(start.time, &head)?;
+    let mut segment = segments.open(start.time, &head, "")?;
     for line in log.lines() {
         let (name, frame) = parse(line).with_context(|| not_a_frame(line))?;
         let bus = buses.iter().position(|bus| *bus == name).context("a bus without a name")?;

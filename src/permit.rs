@@ -11,41 +11,74 @@ use std::path::Path;
 
 use crate::sys::link::Link;
 
+/// A target, and whether anything real can hear what is sent there.
+#[derive(Clone, Debug)]
+pub struct Reach {
+    /// The name that `--transmit-on` has to repeat.
+    pub name: String,
+    /// What stands there, for a person: `vcan interface`, `CAN controller`, `serial port`, ...
+    pub kind: String,
+    /// True if nothing outside of this host can hear it.
+    pub is_virtual: bool,
+    /// The CAN interface, as it was when it was judged.
+    pub link: Option<Link>,
+}
+
+impl Reach {
+    /// An interface is judged by the kernel's kind of it; only `vcan` is virtual. The other end of a
+    /// `vxcan` may stand in a container that forwards to a wire.
+    pub fn of_interface(link: Link) -> Self {
+        let kind = match link.kind.as_deref() {
+            None | Some("can") => "CAN controller".to_owned(),
+            Some(kind) => format!("{kind} interface"),
+        };
+        let (name, is_virtual) = (link.name.clone(), link.is_virtual_can());
+        Self { name, kind, is_virtual, link: Some(link) }
+    }
+
+    /// What somebody made who knows whether it is virtual.
+    pub fn known(name: String, kind: &str, is_virtual: bool) -> Self {
+        Self { name, kind: kind.to_owned(), is_virtual, link: None }
+    }
+
+    /// A port, for somebody who plays the device at its other end: an application's side of a
+    /// pseudo-terminal has no line behind it.
+    pub fn of_port(path: &Path) -> Self {
+        let name = path.display().to_string();
+        if is_pseudo_terminal(path).unwrap_or(false) {
+            return Self::known(name, "pseudo-terminal", true);
+        }
+        Self::known(name, "serial port", false)
+    }
+}
+
 /// Nothing was sent, because nobody permitted it: exit status 4. The text is the whole sentence.
 #[derive(Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct Refused(pub String);
 
-/// Whether frames may be sent on the interface `link`; `named` is what `--transmit-on` lists.
-///
-/// # Errors
-/// [`Refused`] where it is not virtual and not named.
-pub fn can(link: &Link, named: &[String]) -> Result<(), Refused> {
-    if link.is_virtual_can() || named.contains(&link.name) {
-        return Ok(());
-    }
-    let kind = link.kind.as_deref().unwrap_or("unknown");
-    Err(Refused(format!(
-        "nothing was sent: {name} is not a virtual interface (its kind is {kind}), and what is on \
-         it might obey; use a vcan interface, or add --transmit-on {name}",
-        name = link.name
-    )))
-}
+/// Proof that every target may be sent to. Only [`grant`] makes one.
+#[derive(Debug)]
+pub struct Permit(());
 
-/// Whether bytes may be written to the serial port at `path`; `named` is what `--transmit-on`
-/// lists. An application's side of a pseudo-terminal has no line behind it.
+/// Gives the permit if every target that is not virtual is named in `allowed`, which is what
+/// `--transmit-on` lists.
 ///
 /// # Errors
-/// [`Refused`] where it is not a pseudo-terminal and not named.
-pub fn serial(path: &Path, named: &[String]) -> Result<(), Refused> {
-    if is_pseudo_terminal(path).unwrap_or(false) || named.iter().any(|name| Path::new(name) == path)
-    {
-        return Ok(());
+/// The targets that are not, in one sentence.
+pub fn grant(targets: &[Reach], allowed: &[String]) -> Result<Permit, Refused> {
+    let refused: Vec<&Reach> =
+        targets.iter().filter(|t| !t.is_virtual && !allowed.contains(&t.name)).collect();
+    if refused.is_empty() {
+        return Ok(Permit(()));
     }
-    let path = path.display();
+    let list: Vec<String> = refused.iter().map(|t| format!("{} ({})", t.name, t.kind)).collect();
+    let options: Vec<String> =
+        refused.iter().map(|t| format!("--transmit-on {}", t.name)).collect();
     Err(Refused(format!(
-        "nothing was sent: {path} is not a pseudo-terminal, and what is behind it might obey; use \
-         pty:PATH, or add --transmit-on {path}"
+        "nothing was sent: {} may reach real devices, which might obey; if they shall, add {}",
+        list.join(", "),
+        options.join(" ")
     )))
 }
 
@@ -59,30 +92,42 @@ fn is_pseudo_terminal(path: &Path) -> io::Result<bool> {
 mod tests {
     use super::*;
 
-    fn link(name: &str, kind: Option<&str>) -> Link {
-        Link { name: name.to_owned(), kind: kind.map(str::to_owned), can: true, ..Link::default() }
+    fn interface(name: &str, kind: Option<&str>) -> Reach {
+        let kind = kind.map(str::to_owned);
+        Reach::of_interface(Link { name: name.to_owned(), kind, can: true, ..Link::default() })
     }
 
     #[test]
     fn the_kernels_kind_counts_and_not_the_name() {
-        assert_eq!(can(&link("can0", Some("vcan")), &[]), Ok(()));
-        // The other end of a vxcan may stand in a container that forwards to a wire.
-        for kind in [Some("can"), Some("slcan"), Some("vxcan"), None] {
-            let refused = can(&link("vcan0", kind), &["can0".to_owned()]).unwrap_err().to_string();
-            assert!(refused.starts_with("nothing was sent: vcan0 is not a virtual"), "{refused}");
+        assert!(grant(&[interface("can0", Some("vcan"))], &[]).is_ok());
+        for kind in [Some("can"), Some("slcan"), Some("vxcan"), Some("dummy"), None] {
+            let target = [interface("vcan0", kind)];
+            let refused = grant(&target, &["can0".to_owned()]).unwrap_err().to_string();
+            assert!(refused.starts_with("nothing was sent: vcan0 ("), "{refused}");
             assert!(refused.ends_with("add --transmit-on vcan0"), "{refused}");
-            assert_eq!(can(&link("vcan0", kind), &["vcan0".to_owned()]), Ok(()));
+            assert!(grant(&target, &["vcan0".to_owned()]).is_ok());
         }
+    }
+
+    #[test]
+    fn every_target_that_is_not_virtual_must_be_named() {
+        let port = Reach::known("/dev/ttyUSB0".to_owned(), "serial port", false);
+        let targets = [interface("vcan0", Some("vcan")), interface("can0", None), port];
+        let allow = |names: &[&str]| {
+            grant(&targets, &names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>())
+        };
+        let refusal = allow(&["can0"]).unwrap_err().0;
+        assert!(refusal.contains("--transmit-on /dev/ttyUSB0") && !refusal.contains("can0"));
+        assert!(allow(&["can0", "/dev/ttyUSB0"]).is_ok());
+        assert!(grant(&targets[..1], &[]).is_ok());
     }
 
     #[test]
     fn a_pseudo_terminal_is_known_by_its_device_number() {
         let pty = crate::sys::pty::Pty::new().unwrap();
-        assert_eq!(serial(pty.path(), &[]), Ok(()));
+        assert!(Reach::of_port(pty.path()).is_virtual);
         for other in ["/dev/null", "/dev/no-such-port"] {
-            let refused = serial(Path::new(other), &[]).unwrap_err().to_string();
-            assert!(refused.contains(&format!("--transmit-on {other}")), "{refused}");
-            assert_eq!(serial(Path::new(other), &[other.to_owned()]), Ok(()));
+            assert!(!Reach::of_port(Path::new(other)).is_virtual);
         }
     }
 }

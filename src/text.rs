@@ -46,8 +46,8 @@ pub fn parse_moment(text: &str, origin: Timestamp) -> Result<Timestamp, String> 
     if let Some(offset) = text.strip_prefix('+') {
         return parse_duration(offset).map(|after| origin.plus(nanos(after)));
     }
-    if text.starts_with(|c: char| c.is_ascii_digit()) && !text.contains(['-', ':', 'T']) {
-        return parse_duration(text).map(|since_1970| Timestamp(nanos(since_1970)));
+    if let Some(since_1970) = bare_seconds(text) {
+        return Ok(Timestamp(nanos(since_1970)));
     }
     let time: Result<jiff::Timestamp, _> = text.parse();
     time.ok().and_then(|time| u64::try_from(time.as_nanosecond()).ok()).map(Timestamp).ok_or_else(
@@ -185,7 +185,9 @@ mod tests {
         let nanos = Timestamp(1_700_000_000_123_456_789);
         assert_eq!(parse_moment("1700000000.123456789", origin), Ok(nanos));
         assert_eq!(parse_moment("2023-11-14T22:13:20.123456789Z", origin), Ok(nanos));
-        assert!(parse_moment("yesterday", origin).is_err());
+        for text in ["yesterday", "10s", "1h"] {
+            assert!(parse_moment(text, origin).is_err(), "{text}");
+        }
     }
 
     #[test]

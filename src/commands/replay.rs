@@ -1,7 +1,9 @@
 //! `bustape replay`: a recording, back onto buses.
 
 mod answers;
+mod choice;
 mod definitions;
+mod opening;
 mod permission;
 mod plan;
 mod preview;
@@ -15,14 +17,15 @@ use anyhow::{Context as _, Result, bail};
 
 use super::{Ended, UsageError, info, output};
 use crate::cli::replay::ReplayArgs;
+use crate::permit::Reach;
 use crate::recording::reader::Recording;
 use crate::replay::ReplayError;
 use crate::replay::control::{Controls, Script};
 use crate::replay::keys::{self, Keys};
 use crate::replay::lane::Lane;
-use crate::replay::permit::Reach;
-use crate::replay::player::{Options, Outcome, Stage, play};
+use crate::replay::player::play;
 use crate::replay::sink::trace::READER_GONE;
+use crate::replay::stage::{Options, Outcome, Stage};
 use crate::replay::tally::NotSent;
 use plan::Plan;
 use screen::Screen;
@@ -42,7 +45,7 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
     plan.check_fd(&recording, &reaches)?;
     say_intact(&recording);
     plan.say_unmapped(&recording);
-    let answerers = answers::learn(args, &plan, &recording)?;
+    let learnt = answers::learn(args, &plan, &recording)?;
 
     // From here on signals are heard by the player, and the links of pseudo-terminals are
     // removed at the end.
@@ -57,7 +60,7 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
         plan: &plan.feed,
         lanes,
         lane_of: plan.lane_of.clone(),
-        answerers,
+        answerers: learnt.answerers,
     };
     let options =
         Options { rate: args.rate, count: args.count, precise: args.precise, paused: args.paused };
@@ -69,7 +72,7 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
     let verdicts: Vec<_> = stage.lanes.iter_mut().map(Lane::verdict).collect();
     report::report(args, &plan, &stage, &outcome, &verdicts);
     drop(stage);
-    let ended = ended(outcome, &recording)?;
+    let ended = ended(outcome, &recording, learnt.damaged)?;
     match verdicts.into_iter().flatten().find_map(|verdict| verdict.difference) {
         Some(difference) => bail!("what arrived is not what was sent: {difference}"),
         None => Ok(ended),
@@ -105,7 +108,7 @@ fn say_intact(recording: &Recording) {
     }
 }
 
-fn ended(outcome: Outcome, recording: &Recording) -> Result<Ended> {
+fn ended(outcome: Outcome, recording: &Recording, damaged: bool) -> Result<Ended> {
     for sentence in &outcome.damage {
         output::warning(sentence);
     }
@@ -115,7 +118,7 @@ fn ended(outcome: Outcome, recording: &Recording) -> Result<Ended> {
         Ok(_) => {}
     }
     let lost = outcome.tallies.iter().any(|t| t.omitted.counts().any(|(why, _)| why.is_loss()));
-    let damaged = !outcome.damage.is_empty() || recording.unfinished().next().is_some();
+    let damaged = damaged || !outcome.damage.is_empty() || recording.unfinished().next().is_some();
     Ok(if lost || damaged { Ended::WithLoss } else { Ended::Well })
 }
 

@@ -192,7 +192,7 @@ impl Controls {
     /// The descriptors to wait for.
     pub fn descriptors(&self) -> impl Iterator<Item = BorrowedFd<'_>> {
         let script = self.script.as_ref().map(|script| script.from.as_fd());
-        let keys = self.keys.as_ref().map(Keys::descriptor);
+        let keys = self.keys.as_ref().and_then(Keys::descriptor);
         [Some(self.signals.as_fd()), script, keys].into_iter().flatten()
     }
 
@@ -219,7 +219,7 @@ impl Controls {
             }
         }
         if let Some(keys) = &mut self.keys
-            && is_readable(keys.descriptor())
+            && keys.descriptor().is_some_and(is_readable)
         {
             keys.read(&mut |request| take(Said::Request(request)));
         }

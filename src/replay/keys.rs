@@ -5,9 +5,11 @@ use std::io::{self, Read as _};
 use std::os::fd::{AsFd, BorrowedFd};
 use std::time::Duration;
 
+use nix::sys::signal::{SigSet, Signal};
 use nix::sys::termios::{
     LocalFlags, SetArg, SpecialCharacterIndices, Termios, tcgetattr, tcsetattr,
 };
+use nix::unistd::{getpgrp, tcgetpgrp};
 
 use super::control::Request;
 
@@ -23,34 +25,47 @@ pub struct Keys {
     before: Termios,
     /// Bytes of an arrow key that is not complete yet.
     held: Vec<u8>,
+    /// No more keys come: the terminal hung up, or belongs to another program now.
+    gone: bool,
 }
 
 impl Keys {
     /// Takes over the terminal that is stdin.
     ///
     /// # Errors
-    /// Where stdin is no terminal.
+    /// Where stdin is no terminal, or one that another program is using (we run behind an `&`).
     pub fn new() -> io::Result<Self> {
         let terminal: File = io::stdin().as_fd().try_clone_to_owned()?.into();
         let before = tcgetattr(&terminal)?;
+        if !is_ours(&terminal) {
+            return Err(io::Error::other("the terminal belongs to another program"));
+        }
+        // Should it later be taken away (Ctrl-Z, bg), reading it must fail instead of stopping us.
+        let mut set = SigSet::empty();
+        set.add(Signal::SIGTTIN);
+        set.add(Signal::SIGTTOU);
+        set.thread_block()?;
         let mut mode = before.clone();
         mode.local_flags.remove(LocalFlags::ICANON | LocalFlags::ECHO);
         mode.control_chars[SpecialCharacterIndices::VMIN as usize] = 0;
         mode.control_chars[SpecialCharacterIndices::VTIME as usize] = 0;
         tcsetattr(&terminal, SetArg::TCSANOW, &mode)?;
-        Ok(Self { terminal, before, held: Vec::new() })
+        Ok(Self { terminal, before, held: Vec::new(), gone: false })
     }
 
-    /// What to wait for.
-    pub fn descriptor(&self) -> BorrowedFd<'_> {
-        self.terminal.as_fd()
+    /// What to wait for, as long as keys may come.
+    pub fn descriptor(&self) -> Option<BorrowedFd<'_>> {
+        (!self.gone).then(|| self.terminal.as_fd())
     }
 
-    /// Takes the keys that were pressed.
+    /// Takes the keys that were pressed; there are some.
     pub fn read(&mut self, take: &mut dyn FnMut(Request)) {
         let mut buffer = [0; 64];
-        let length = self.terminal.read(&mut buffer).unwrap_or(0);
-        self.held.extend_from_slice(&buffer[..length]);
+        match self.terminal.read(&mut buffer) {
+            Ok(length @ 1..) => self.held.extend_from_slice(&buffer[..length]),
+            Ok(_) => self.gone = true,
+            Err(error) => self.gone = error.kind() != io::ErrorKind::Interrupted,
+        }
         let held = std::mem::take(&mut self.held);
         self.held = decode(&held, take).to_vec();
     }
@@ -58,9 +73,16 @@ impl Keys {
 
 impl Drop for Keys {
     fn drop(&mut self) {
-        // A terminal that is gone needs no restoring.
-        let _ = tcsetattr(&self.terminal, SetArg::TCSANOW, &self.before);
+        if is_ours(&self.terminal) {
+            // A terminal that is gone needs no restoring.
+            let _ = tcsetattr(&self.terminal, SetArg::TCSANOW, &self.before);
+        }
     }
+}
+
+/// False if another program has the terminal now (tcgetpgrp(3)). One that controls nobody is ours.
+fn is_ours(terminal: &File) -> bool {
+    !tcgetpgrp(terminal).is_ok_and(|group| group != getpgrp())
 }
 
 /// Gives what the keys mean to `take`; returns the start of a key that is not complete.

@@ -2,6 +2,7 @@
 //! lane, until that is full.
 
 use std::collections::VecDeque;
+use std::time::Duration;
 
 use nix::poll::PollFlags;
 
@@ -84,6 +85,11 @@ impl Lane {
         self.queue.is_empty()
     }
 
+    /// True while the target takes nothing.
+    pub fn is_blocked(&self) -> bool {
+        self.blocked.is_some()
+    }
+
     /// The target.
     pub fn sink(&mut self) -> &mut dyn Sink {
         &mut *self.sink
@@ -118,6 +124,13 @@ impl Lane {
             at += pace.byte * data.len() as u64;
         }
         self.free = at;
+    }
+
+    /// Something came back from the target: whatever it waits for may be over.
+    pub fn wake(&mut self) {
+        if let Some(Blocked::For(time)) = &mut self.blocked {
+            *time = Duration::ZERO;
+        }
     }
 
     /// When it has to be looked at again, on the steady clock.

@@ -3,7 +3,7 @@
 //! [`play`](player::play) takes frames that a [`Feed`](feed::Feed) reads ahead, asks the
 //! [`Schedule`](schedule::Schedule) when each is due, and hands them to a [`Lane`](lane::Lane) per
 //! target, whose [`Sink`](sink::Sink) gives them to the kernel. Nothing here transmits on a bus
-//! without a [`Permit`](permit::Permit).
+//! without a [`Permit`](crate::permit::Permit).
 
 pub mod answer;
 pub mod control;
@@ -11,11 +11,12 @@ pub mod feed;
 pub mod keys;
 pub mod lane;
 pub mod lateness;
-pub mod permit;
 pub mod player;
+pub mod reach;
 pub mod schedule;
 pub mod select;
 pub mod sink;
+pub mod stage;
 pub mod tally;
 pub mod target;
 pub mod verify;

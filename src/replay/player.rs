@@ -1,6 +1,7 @@
 //! Plays: takes frames from the feed, waits for their moment, hands them to their lanes.
 
 mod requests;
+mod telling;
 mod waiting;
 
 use std::collections::VecDeque;
@@ -8,14 +9,13 @@ use std::thread::Scope;
 use std::time::Duration;
 
 use super::ReplayError;
-use super::answer::Answerer;
-use super::control::{Controls, Request, Said};
-use super::feed::{Feed, FeedPlan, Item, Next, Place};
+use super::control::{Controls, Said};
+use super::feed::{Feed, Item, Next, Place};
 use super::lane::Lane;
 use super::schedule::{Rate, Schedule};
+use super::stage::{Audience, Ending, Options, Outcome, Stage};
 use super::tally::Tally;
-use crate::frame::{Frame, Gap, Timestamp};
-use crate::recording::reader::Recording;
+use crate::frame::{Frame, Timestamp};
 use crate::sys::timing::{least_timer_slack, steady_nanos};
 
 /// Most frames taken from the feed before lanes and controls get their turn.
@@ -24,98 +24,6 @@ const TURN: usize = 2048;
 const READER_PATIENCE: Duration = Duration::from_millis(5);
 /// With [`Options::precise`], how long before a frame is due the waiting becomes looking.
 const SPIN: u64 = 150_000;
-/// Time between two looks of a person at the status.
-const STATUS: u64 = 200_000_000;
-/// A target that has taken nothing for so long is worth a word.
-const STUCK: u64 = 1_000_000_000;
-/// How long targets may take to get out what they took, after the last frame.
-const LAST_BYTES: u64 = 1_000_000_000;
-
-/// How to play.
-#[derive(Clone, Copy, Debug)]
-pub struct Options {
-    /// How fast.
-    pub rate: Rate,
-    /// End after so many frames.
-    pub count: Option<u64>,
-    /// Look at the clock for the last part of a wait instead of sleeping.
-    pub precise: bool,
-    /// Begin standing still.
-    pub paused: bool,
-}
-
-/// What is played, and where to.
-pub struct Stage<'env> {
-    /// The recording.
-    pub recording: &'env Recording,
-    /// What of it.
-    pub plan: &'env FeedPlan,
-    /// The targets.
-    pub lanes: Vec<Lane>,
-    /// For each bus of the plan (and of `answerers`) the number of its lane.
-    pub lane_of: Vec<usize>,
-    /// For each lane what answers there, and as which bus.
-    pub answerers: Vec<Option<(usize, Box<dyn Answerer>)>>,
-}
-
-/// Where the replay is.
-#[derive(Clone, Copy, Debug)]
-pub struct Position {
-    /// Recorded time of the latest frame.
-    pub time: Timestamp,
-    /// How fast.
-    pub rate: Rate,
-    /// Standing still.
-    pub paused: bool,
-    /// Laps played before this one.
-    pub lap: u64,
-    /// Frames sent.
-    pub sent: u64,
-    /// The longest lateness so far, nanoseconds; none while nothing is timed.
-    pub late: Option<u64>,
-}
-
-/// The person who watches.
-pub trait Audience {
-    /// Something that was asked for, or good to know.
-    fn say(&mut self, text: &str);
-    /// Something that is not as it should be.
-    fn warn(&mut self, text: &str);
-    /// Something is missing in the recording here.
-    fn gap(&mut self, bus: usize, gap: &Gap);
-    /// Where the replay is, now and then.
-    fn show(&mut self, position: &Position);
-    /// `true` if [`Audience::show`] leads anywhere.
-    fn watches(&self) -> bool;
-}
-
-/// Why a replay ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Ending {
-    /// Everything was played.
-    Finished,
-    /// The number of frames asked for was reached.
-    Count,
-    /// Asked to quit.
-    Quit,
-    /// This signal came.
-    Signal(&'static str),
-}
-
-/// How a replay went.
-#[derive(Debug)]
-pub struct Outcome {
-    /// Why it ended, or what made it fail.
-    pub ending: Result<Ending, ReplayError>,
-    /// The books, by bus.
-    pub tallies: Vec<Tally>,
-    /// What could not be read of the recording.
-    pub damage: Vec<String>,
-    /// Recorded times that were marked, and the words for them.
-    pub marks: Vec<(Timestamp, String)>,
-    /// How long it took, nanoseconds.
-    pub took: u64,
-}
 
 /// Plays until the end, or until somebody ends it. The lanes come back with their books.
 pub fn play(
@@ -150,6 +58,7 @@ pub fn play(
             starved: true,
             ended: false,
             next_status: began,
+            hear_by: began,
             said: VecDeque::new(),
             warned: false,
             ending: None,
@@ -196,6 +105,8 @@ struct Player<'a, 'scope, 'env> {
     /// Nothing more comes from the feed.
     ended: bool,
     next_status: u64,
+    /// Until then nobody who speaks has waited too long.
+    hear_by: u64,
     /// What was asked for and not done yet.
     said: VecDeque<Said>,
     /// It was said that a target takes nothing.
@@ -317,10 +228,6 @@ impl Player<'_, '_, '_> {
         }
     }
 
-    fn sent(&self) -> u64 {
-        self.tallies.iter().map(|tally| tally.sent).sum()
-    }
-
     /// Enters what the reader left out or could not read.
     fn take_books(&mut self) {
         for (tally, omitted) in self.tallies.iter_mut().zip(self.feed.take_omitted()) {
@@ -329,68 +236,6 @@ impl Player<'_, '_, '_> {
         for sentence in self.feed.take_damage() {
             if !self.damage.contains(&sentence) {
                 self.damage.push(sentence);
-            }
-        }
-    }
-
-    /// Now and then tells how things go.
-    fn status(&mut self) {
-        let now = steady_nanos();
-        if now < self.next_status {
-            return;
-        }
-        self.next_status = now + STATUS;
-        let stuck = |lane: &&Lane| lane.stuck_since().is_some_and(|since| now > since + STUCK);
-        match self.stage.lanes.iter().find(stuck) {
-            Some(lane) if !self.warned => {
-                self.audience.warn(&format!(
-                    "{} has taken nothing for 1 s; a CAN bus without another node that \
-                     acknowledges frames takes none",
-                    lane.target
-                ));
-                self.warned = true;
-            }
-            Some(_) => {}
-            None => self.warned = false,
-        }
-        if self.audience.watches() {
-            let latest = self.tallies.iter().map(|t| t.lateness.max()).max().unwrap_or(0);
-            let timed = self.tallies.iter().any(|t| t.lateness.count() > 0);
-            self.audience.show(&Position {
-                time: self.position,
-                rate: self.schedule.rate(),
-                paused: self.schedule.is_paused(),
-                lap: self.feed.lap(),
-                sent: self.sent(),
-                late: timed.then_some(latest),
-            });
-        }
-    }
-
-    /// Lets the targets get out what they took.
-    fn finish(&mut self) -> Result<(), ReplayError> {
-        let end = steady_nanos() + LAST_BYTES;
-        loop {
-            let mut done = true;
-            for lane in &mut self.stage.lanes {
-                done &= lane.sink().finish()?;
-            }
-            let now = steady_nanos();
-            if done || now >= end {
-                return Ok(());
-            }
-            let (said, heard) = self.wait_for_descriptors(Some(now + 1_000_000))?;
-            for lane in heard {
-                self.hear(lane)?;
-            }
-            if said {
-                let mut stop = false;
-                self.controls.take(&mut |what| {
-                    stop |= matches!(what, Said::Signal(_) | Said::Request(Request::Quit));
-                });
-                if stop {
-                    return Ok(());
-                }
             }
         }
     }

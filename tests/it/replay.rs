@@ -1,7 +1,6 @@
 //! `bustape replay`: onto terminals and text, controlled, answering, refusing. CAN interfaces are
 //! in `tests/socketcan`.
 
-use std::fs::OpenOptions;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, Stdio};
@@ -11,17 +10,18 @@ use bustape::frame::{
     CanFlags, CanFrame, Direction, Frame, Gap, GapReason, SerialBytes, Stamped, Timestamp, Unit,
 };
 use bustape::recording::writer::Layout;
-use nix::sys::signal::Signal;
-use nix::sys::termios::{InputFlags, SetArg, tcgetattr, tcsetattr};
 use serde_json::Value;
 
 use crate::support::bytes::{Random, noise};
 use crate::support::make::{START, at, make};
-use crate::support::mcap;
-use crate::support::messages;
 use crate::support::process::{Ran, args, bustape, spawn, start};
-use crate::support::terminal::{Device, open};
-use crate::support::{peers, until};
+use crate::support::terminal::open;
+use crate::support::until;
+
+mod again;
+mod answers;
+mod control;
+mod permission;
 
 const MILLI: u64 = 1_000_000;
 
@@ -173,7 +173,10 @@ fn what_makes_no_sense_is_refused_before_anything_is_sent() {
         (vec!["--to", "can0=trace:", "--to", "can0=vcan0"], 2, "has a target already"),
         (vec!["--to", "can0=trace:", "--rate", "0"], 2, "0.1 to 100"),
         (vec!["--to", "can0=trace:", "--start", "+10s"], 2, "nothing is left"),
+        (vec!["--to", "can0=trace:", "--start", "10s"], 2, "\"10s\" is not a time"),
         (vec!["--to", "can0=trace:", "--filter", "line,1:2"], 2, "no --to for line"),
+        (vec!["--to", "can0=trace:", "--filter", "123:7FF"], 2, "e.g. can0,123:7FF"),
+        (vec!["--to", "line=trace:", "--filter", "line,1:2"], 2, "only CAN buses"),
         (vec!["--to", "can0=trace:", "--remap", "can0:123=XYZ"], 2, "no identifier"),
         (vec!["--to", "can0=trace:", "--verify"], 2, "does not hand back"),
         (vec!["--to", "can0=trace:", "--answer", "line"], 2, "say where with --to"),
@@ -277,61 +280,6 @@ impl Controlled {
 }
 
 #[test]
-fn bytes_are_recorded_again_as_they_were_and_compare_as_the_same() {
-    let pieces: Vec<_> = (0..400u64)
-        .map(|n| (1, at(n * MILLI, serial(Direction::Rx, &noise(n, 1 + n as usize % 300)))))
-        .collect();
-    let all: Vec<u8> = (0..400u64).flat_map(|n| noise(n, 1 + n as usize % 300)).collect();
-    let made = Made::new(Layout::Frame, &pieces);
-    let (tty, again) = (made.path("tty"), made.path("again.mcap"));
-    let to = format!("line=pty:{}", tty.display());
-    let mut replay = Controlled::start(&made.file, &["--to", &to, "--rate", "max"]);
-    until("the terminal", || tty.exists().then_some(()));
-    let bus = format!("line={},115200,8N1", tty.display());
-    let recorder = start(args(&[&"record", &bus, &"-o", &again]));
-    let part = made.path("again.mcap.part");
-    until("the recording", || part.exists().then_some(()));
-    replay.say("resume");
-    until("all bytes", || {
-        (messages::streams(&mcap::cut(&part), "line").0.len() == all.len()).then_some(())
-    });
-    let (code, report, _) = replay.end();
-    assert_eq!((code, &report["buses"][0]["bytes"]), (0, &all.len().into()), "{report}");
-    assert!(std::fs::symlink_metadata(&tty).is_err(), "the link stays behind");
-    recorder.stop();
-    assert!(messages::streams(&mcap::finished(&again), "line").0 == all);
-
-    let verified = made.replay(&["--to", &to, "--verify", "--rate", "20", "--json"]).expect(0);
-    let report = verified.json()["buses"][0]["verify"].clone();
-    assert_eq!(report["same"], all.len(), "{report}");
-}
-
-#[test]
-fn a_byte_that_arrives_as_another_is_the_first_difference() {
-    let made = Made::new(
-        Layout::Frame,
-        &[
-            (1, at(0, serial(Direction::Rx, b"good"))),
-            (1, at(MILLI, serial(Direction::Rx, b"bad\r"))),
-        ],
-    );
-    let tty = made.path("tty");
-    let to = format!("line=pty:{}", tty.display());
-    let mut replay = Controlled::start(&made.file, &["--to", &to, "--verify"]);
-    let terminal = open(&tty);
-    replay.ask("status", "paused at");
-    // Another program makes line feeds of carriage returns.
-    let mut mode = tcgetattr(&terminal).unwrap();
-    mode.input_flags.insert(InputFlags::ICRNL);
-    tcsetattr(&terminal, SetArg::TCSANOW, &mode).unwrap();
-    replay.say("resume");
-    let (code, report, said) = replay.end();
-    assert_eq!(code, 1, "{said}");
-    assert_eq!(report["buses"][0]["verify"]["same"], 4, "{report}");
-    assert!(said.contains("byte 8: 0D was sent, 0A arrived"), "{said}");
-}
-
-#[test]
 fn a_terminal_goes_on_without_readers_and_when_they_come_back() {
     let pieces: Vec<_> =
         (0..100u64).map(|n| (1, at(n * MILLI, serial(Direction::Rx, &[n as u8])))).collect();
@@ -365,75 +313,6 @@ fn a_terminal_goes_on_without_readers_and_when_they_come_back() {
 }
 
 #[test]
-fn a_replay_is_paused_stepped_sought_and_marked_by_a_script() {
-    let pieces: Vec<_> =
-        (0..100u64).map(|n| (1, at(n * 100 * MILLI, serial(Direction::Rx, &[n as u8])))).collect();
-    let made = Made::new(Layout::Batch, &pieces);
-    let (tty, fifo) = (made.path("tty"), made.path("fifo"));
-    nix::unistd::mkfifo(&fifo, nix::sys::stat::Mode::S_IRWXU).unwrap();
-    let running = start(args(&[
-        &"replay",
-        &made.file,
-        &"--to",
-        &format!("line=pty:{}", tty.display()),
-        &"--json",
-        &"--paused",
-        &"--control",
-        &fifo,
-    ]));
-    let mut terminal = open(&tty);
-    let say = |text: &str| {
-        // One script after the other, as `echo >fifo` does it.
-        let mut script = OpenOptions::new().write(true).open(&fifo).unwrap();
-        writeln!(script, "{text}").unwrap();
-    };
-    let mut next = |count: usize| {
-        let mut bytes = vec![0; count];
-        terminal.read_exact(&mut bytes).unwrap();
-        bytes
-    };
-    say("step");
-    assert_eq!(next(1), [0]);
-    say("step 2\nnonsense\nmark here");
-    assert_eq!(next(2), [1, 2]);
-    say("seek +5s\nstep");
-    assert_eq!(next(1), [50]);
-    say("back 2s\nstep");
-    assert_eq!(next(1), [30]);
-    say("forward 6s\nrate 100\nresume");
-    assert_eq!(next(10), (90..100).collect::<Vec<u8>>());
-    let ran = running.wait().expect(0);
-    let report = ran.json();
-    assert_eq!(report["marks"][0]["text"], "here");
-    assert_eq!(report["marks"][0]["time_ns"], START + 200 * MILLI);
-    assert!(ran.err.contains("\"nonsense\" is no command"), "{}", ran.err);
-}
-
-#[test]
-fn a_signal_ends_a_replay_at_once_and_leaves_nothing_behind() {
-    let made = Made::new(
-        Layout::Frame,
-        &[
-            (1, at(0, serial(Direction::Rx, b"a"))),
-            (1, at(3_600_000 * MILLI, serial(Direction::Rx, b"b"))),
-        ],
-    );
-    let tty = made.path("tty");
-    let to = format!("line=pty:{}", tty.display());
-    for signal in [Signal::SIGINT, Signal::SIGTERM, Signal::SIGHUP] {
-        let running = start(args(&[&"replay", &made.file, &"--to", &to, &"--json"]));
-        until("the terminal", || tty.exists().then_some(()));
-        running.signal(signal);
-        let ran = running.wait().expect(0);
-        assert_eq!(ran.json()["reason"], signal.as_str());
-        assert!(std::fs::symlink_metadata(&tty).is_err(), "the link stays behind");
-    }
-    // Long pauses can be shortened instead.
-    let ran = made.replay(&["--to", "line=trace:", "--max-gap", "5ms"]).expect(0);
-    assert_eq!(lines(&ran.out).len(), 2);
-}
-
-#[test]
 fn a_paced_line_takes_its_time() {
     let made = Made::new(Layout::Frame, &[(1, at(0, serial(Direction::Rx, &noise(1, 960))))]);
     let tty = made.path("tty");
@@ -448,209 +327,6 @@ fn a_paced_line_takes_its_time() {
     assert!(began.elapsed() >= Duration::from_millis(heard.len() as u64 * 9 / 10));
     let report = running.wait().expect(0).json();
     assert!(report["took_ns"].as_u64().unwrap() >= 999_000_000 - 1_100_000, "{report}");
-}
-
-/// What has arrived at a device whose terminal nobody reads.
-fn heard_by(device: &Device) -> Vec<u8> {
-    let mut all = Vec::new();
-    let mut buffer = [0; 4096];
-    while let Ok(length @ 1..) = device.hear(&mut buffer) {
-        all.extend_from_slice(&buffer[..length]);
-    }
-    all
-}
-
-#[test]
-fn real_ports_and_adapters_hear_nothing_without_permission() {
-    let made = Made::new(Layout::Frame, &mixed(16));
-    let device = Device::new();
-    let port = device.port().display().to_string();
-    let (line, can) = (format!("line={port},9600"), format!("can0=slcan:{port}@500000"));
-    for _ in 0..10 {
-        for to in [&line, &can] {
-            let ran = made.replay(&["--to", to]).expect(4);
-            assert!(ran.err.contains(&format!("--transmit-on {port}")), "{}", ran.err);
-            // Permitted, but nobody is there to confirm it.
-            let ran = made.replay(&["--to", to, "--transmit-on", &port]).expect(4);
-            assert!(ran.err.contains("--yes"), "{}", ran.err);
-        }
-    }
-    assert_eq!(heard_by(&device), b"");
-    made.replay(&["--to", &line, "--transmit-on", &port, "--yes", "--only", "tx"]).expect(0);
-    let expected: Vec<u8> = mixed(16)
-        .into_iter()
-        .filter_map(|(_, frame)| match frame.value {
-            Frame::Serial(bytes) if bytes.direction == Direction::Tx => Some(bytes.data),
-            _ => None,
-        })
-        .flatten()
-        .collect();
-    assert_eq!(heard_by(&device), expected);
-}
-
-#[test]
-fn a_can_adapter_gets_frames_in_order_and_again_when_it_was_busy() {
-    let frames: Vec<_> = (0..50u32)
-        .map(|n| (0, at(u64::from(n) * MILLI, can(n, CanFlags::default(), &[n as u8]))))
-        .collect();
-    let made = Made::new(Layout::Frame, &frames);
-    let mut script = spawn_script("busy_adapter.py");
-    let port = script.hear();
-    let to = format!("can0=slcan:{port}@500000");
-    let ran = made.replay(&["--to", &to, "--transmit-on", &port, "--yes", "--json"]).expect(0);
-    assert_eq!(ran.json()["buses"][0]["sent"], 50, "{}", ran.out);
-    let sent: Vec<String> = serde_json::from_str(&script.hear()).unwrap();
-    let expected: Vec<String> = (0..50).map(|n| format!("t{n:03X}1{n:02X}")).collect();
-    assert_eq!(sent, expected);
-}
-
-#[test]
-fn a_dry_run_says_what_would_go_where_and_sends_nothing() {
-    let made = Made::new(Layout::Batch, &mixed(80));
-    let (device, tty) = (Device::new(), made.path("tty"));
-    let can = format!("can0=slcan:{}@500000/2000000", device.port().display());
-    let line = format!("line=pty:{}", tty.display());
-    let ran = made.replay(&["--to", &can, "--to", &line, "--dry-run", "--json"]).expect(0);
-    let report = ran.json();
-    assert_eq!(report["permitted"], false);
-    let [adapter, terminal] = [0, 1].map(|n| &report["buses"][n]);
-    assert_eq!((&adapter["frames"], &adapter["virtual"]), (&50.into(), &false.into()));
-    assert_eq!(adapter["not_sent"]["error_frame"], 10);
-    assert_eq!((&terminal["frames"], &terminal["virtual"]), (&20.into(), &true.into()));
-    assert!(heard_by(&device).is_empty() && !tty.exists());
-    // An adapter without a CAN FD rate is refused CAN FD frames, whatever its permission.
-    let port = device.port().display().to_string();
-    let classic = format!("can0=slcan:{port}@500000");
-    let ran = made.replay(&["--to", &classic, "--transmit-on", &port, "--yes"]).expect(1);
-    assert_eq!(heard_by(&device), b"");
-    assert!(ran.err.contains("can0 has CAN FD frames"), "{}", ran.err);
-}
-
-/// A Python script that talks with the test by lines.
-struct Script {
-    child: Child,
-    to: ChildStdin,
-    from: BufReader<std::process::ChildStdout>,
-}
-
-fn spawn_script(name: &str) -> Script {
-    let mut command = peers::python(name);
-    let mut child = command.stdin(Stdio::piped()).stdout(Stdio::piped()).spawn().unwrap();
-    let (to, from) = (child.stdin.take().unwrap(), child.stdout.take().unwrap());
-    Script { child, to, from: BufReader::new(from) }
-}
-
-impl Script {
-    fn hear(&mut self) -> String {
-        let mut line = String::new();
-        self.from.read_line(&mut line).unwrap();
-        assert!(!line.is_empty(), "the script has ended");
-        line.trim_end().to_owned()
-    }
-
-    fn say(&mut self, line: &str) {
-        writeln!(self.to, "{line}").unwrap();
-    }
-}
-
-impl Drop for Script {
-    fn drop(&mut self) {
-        self.child.kill().ok();
-        self.child.wait().ok();
-    }
-}
-
-/// A recording of the simulated rectifier with its master, and its frames by `explain`.
-fn dialogue() -> (tempfile::TempDir, PathBuf) {
-    let folder = tempfile::tempdir().unwrap();
-    let file = folder.path().join("dialogue.mcap");
-    bustape(args(&[&"record", &"rect=sim:zhongheng-09", &"-o", &file, &"--duration", &"4s"]))
-        .expect(0);
-    (folder, file)
-}
-
-#[test]
-fn a_master_of_somebody_else_understands_every_answer() {
-    let (folder, file) = dialogue();
-    let tty = folder.path().join("tty");
-    let running = start(args(&[
-        &"replay",
-        &file,
-        &"--to",
-        &format!("rect=pty:{}", tty.display()),
-        &"--answer",
-        &"rect",
-        &"--decode",
-        &"rect=zhongheng-09",
-        &"--delay",
-        &"none",
-        &"--unknown",
-        &"error",
-        &"--json",
-    ]));
-    until("the terminal", || tty.exists().then_some(()));
-    // The script knows the protocol by itself, and the recording by its text.
-    let mut script = spawn_script("master.py");
-    let text = bustape(args(&[&"cat", &file])).expect(0).out;
-    let dump = folder.path().join("dump.txt");
-    std::fs::write(&dump, text).unwrap();
-    script.say(&format!("{} {}", tty.display(), dump.display()));
-    let report: Value = serde_json::from_str(&script.hear()).unwrap();
-    assert_eq!(report["problems"], serde_json::json!([]), "{report}");
-    assert!(report["kinds"].as_u64().unwrap() >= 5, "{report}");
-    assert!(report["repeats"].as_u64().unwrap() > 10, "{report}");
-    let ran = running.stop().expect(0);
-    let answers = ran.json()["buses"][0]["answers"].clone();
-    assert_eq!(answers["requests"], report["asked"], "{answers}");
-    assert_eq!((&answers["never_recorded"], &answers["damaged"]), (&1.into(), &1.into()));
-    assert!(ran.err.contains("never recorded: read 0x3abc"), "{}", ran.err);
-}
-
-#[test]
-fn without_a_definition_requests_are_known_by_their_bytes() {
-    let (rx, tx) = (Direction::Rx, Direction::Tx);
-    let made = Made::new(
-        Layout::Frame,
-        &[
-            (1, at(0, serial(tx, b"AT+"))),
-            (1, at(MILLI, serial(tx, b"V\r"))),
-            (1, at(5 * MILLI, serial(rx, b"1.0\r"))),
-            (1, at(500 * MILLI, serial(tx, b"AT+V\r"))),
-            (1, at(505 * MILLI, serial(rx, b"2.0"))),
-            (1, at(507 * MILLI, serial(rx, b"\r"))),
-        ],
-    );
-    for (repeat, expected) in [("cycle", "1.0\r2.0\r1.0\r2.0\r"), ("last", "1.0\r2.0\r2.0\r2.0\r")]
-    {
-        let tty = made.path(repeat);
-        let to = format!("line=pty:{}", tty.display());
-        let running = start(args(&[
-            &"replay",
-            &made.file,
-            &"--to",
-            &to,
-            &"--answer",
-            &"line",
-            &"--repeat",
-            &repeat,
-            &"--json",
-        ]));
-        let mut terminal = open(&tty);
-        let mut heard = String::new();
-        for _ in 0..4 {
-            terminal.write_all(b"AT+V\r").unwrap();
-            let mut answer = [0; 4];
-            terminal.read_exact(&mut answer).unwrap();
-            heard.push_str(std::str::from_utf8(&answer).unwrap());
-        }
-        assert_eq!(heard, expected);
-        terminal.write_all(b"AT+X\r").unwrap();
-        std::thread::sleep(Duration::from_millis(200));
-        let ran = running.stop().expect(0);
-        let answers = ran.json()["buses"][0]["answers"].clone();
-        assert_eq!((&answers["answered"], &answers["never_recorded"]), (&4.into(), &1.into()));
-        assert!(ran.err.contains("never recorded: [41 54 2B 58 0D]"), "{}", ran.err);
-    }
 }
 
 #[test]

@@ -88,7 +88,7 @@ fn a_simulation_ends_when_its_time_is_over() {
 #[test]
 fn nothing_is_sent_to_what_may_be_real_unless_it_is_named() {
     for (address, sentence) in [
-        ("/dev/null,19200,8N1", "nothing was sent: /dev/null is not a pseudo-terminal"),
+        ("/dev/null,19200,8N1", "nothing was sent: /dev/null (serial port) may reach real devices"),
         ("/dev/no-such-port,9600", "add --transmit-on /dev/no-such-port"),
     ] {
         let ran = bustape(["simulate", "zhongheng-09", address]).expect(4);

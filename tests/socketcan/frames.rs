@@ -1,5 +1,6 @@
 //! Every kind of frame is recorded as it was, in order, with the kernel's time.
 
+use std::io::Read as _;
 use std::process::{Command, Stdio};
 
 use libtest_mimic::{Failed, Trial};
@@ -46,11 +47,16 @@ impl Candump {
     }
 
     pub fn lines(mut self, count: usize) -> Vec<String> {
-        let read = || std::fs::read_to_string(&self.log).unwrap_or_default();
-        wait_until("candump has it all", || read().lines().count() >= count);
+        let mut log = std::fs::File::open(&self.log).expect("a log file");
+        let mut text = String::new();
+        wait_until("candump has it all", || {
+            log.read_to_string(&mut text).expect("text");
+            text.lines().count() >= count
+        });
         sh(&format!("kill -INT {}", self.child.id()));
         self.child.wait().expect("candump ends");
-        read().lines().map(str::to_owned).collect()
+        log.read_to_string(&mut text).expect("text");
+        text.lines().map(str::to_owned).collect()
     }
 }
 

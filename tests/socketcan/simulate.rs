@@ -101,7 +101,7 @@ fn refuses() -> Result<(), Failed> {
     let refused = bustape(&["simulate", "hmi-can", "adapter0", "--duration", "1s"]);
     let stderr = text(&refused.stderr);
     assert_eq!(refused.status.code(), Some(4), "{stderr}");
-    assert!(stderr.contains("nothing was sent: adapter0 is not a virtual interface"), "{stderr}");
+    assert!(stderr.contains("nothing was sent: adapter0 (CAN controller) may reach"), "{stderr}");
     assert_eq!(sent_on("adapter0"), 0);
     let named =
         ["simulate", "hmi-can", "adapter0", "--duration", "1s", "--transmit-on", "adapter0"];

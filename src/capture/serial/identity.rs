@@ -73,6 +73,23 @@ pub(crate) struct Holder {
     pub name: String,
 }
 
+impl Holder {
+    /// True if the process has the master side of the pseudo-terminal `device` (a line `tty-index` of
+    /// its `fdinfo`, since Linux 4.14): then it made it, and takes no share of what is read here.
+    pub fn made(&self, device: &Path) -> bool {
+        let device = fs::canonicalize(device).unwrap_or_default();
+        let Some(number) = device.strip_prefix("/dev/pts").ok().and_then(Path::to_str) else {
+            return false;
+        };
+        let Ok(files) = fs::read_dir(format!("/proc/{}/fdinfo", self.pid)) else { return false };
+        let own = |text: String| {
+            let mut index = text.lines().filter_map(|line| line.strip_prefix("tty-index:"));
+            index.any(|index| index.trim() == number)
+        };
+        files.flatten().any(|file| fs::read_to_string(file.path()).is_ok_and(own))
+    }
+}
+
 /// The other processes that have `device` open, as far as we may look into them (proc(5)).
 pub(crate) fn holders(device: &Path) -> Vec<Holder> {
     let Ok(device) = fs::canonicalize(device) else { return Vec::new() };

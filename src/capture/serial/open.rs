@@ -84,7 +84,7 @@ impl PortSpec {
             let text = format!("{}: the driver has no low-latency setting", path.display());
             notes.push((Level::Warning, text));
         }
-        for other in holders(path) {
+        for other in holders(path).into_iter().filter(|other| !other.made(path)) {
             let text = format!(
                 "{} is also open in process {} ({}), which takes a share of the bytes; close it",
                 path.display(),

@@ -6,8 +6,7 @@ use anyhow::{Result, bail};
 
 use super::{any_real, usage};
 use crate::cli::replay::ReplayArgs;
-use crate::permit::Refused;
-use crate::replay::permit::{Permit, Reach, grant};
+use crate::permit::{Permit, Reach, Refused, grant};
 
 /// The permit to send to all targets, or the reason why nothing is sent.
 pub fn permit(args: &ReplayArgs, reaches: &[Reach]) -> Result<Permit> {
@@ -18,13 +17,13 @@ pub fn permit(args: &ReplayArgs, reaches: &[Reach]) -> Result<Permit> {
             return usage(format!("--transmit-on {name}: the targets are {targets}"));
         }
     }
-    Ok(grant(reaches, &args.transmit_on).map_err(|error| Refused(error.0))?)
+    Ok(grant(reaches, &args.transmit_on)?)
 }
 
 /// Asks a person, if anything real shall be sent to and nobody has said yes yet.
 pub fn confirm(args: &ReplayArgs, reaches: &[Reach]) -> Result<()> {
     if any_real(reaches) && !args.yes && !confirmed(reaches)? {
-        bail!(Refused("not sent: it was not confirmed with \"yes\"".to_owned()));
+        bail!(Refused("nothing was sent: it was not confirmed with \"yes\"".to_owned()));
     }
     Ok(())
 }
@@ -35,7 +34,7 @@ fn confirmed(reaches: &[Reach]) -> Result<bool> {
     let list = list.join(", ");
     if !std::io::stdin().is_terminal() || !std::io::stderr().is_terminal() {
         bail!(Refused(format!(
-            "not sent: there is no terminal to confirm on that {list} shall hear this replay; add \
+            "nothing was sent: there is no terminal to confirm on that {list} shall hear this replay; add \
              --yes if it shall"
         )));
     }

@@ -2,29 +2,22 @@
 //! opened.
 
 use std::ops::RangeInclusive;
-use std::sync::Arc;
 
-use anyhow::{Context as _, Result, bail};
+use anyhow::Result;
 
+use super::choice::{check_options, selection, shown_name};
 use super::definitions::Definitions;
 use super::usage;
 use crate::capture::serial::SerialSettings;
 use crate::cli::replay::ReplayArgs;
 use crate::commands::output;
-use crate::frame::{CanFlags, Direction, Frame, Timestamp};
-use crate::recording::reader::{Entry, Recording};
+use crate::frame::Timestamp;
+use crate::permit::Reach;
+use crate::recording::reader::Recording;
 use crate::replay::feed::{FedBus, FeedPlan};
-use crate::replay::lane::{Lane, Pace};
-use crate::replay::permit::{Permit, Reach};
-use crate::replay::select::{Selection, Which, identifier};
-use crate::replay::sink::Sink;
-use crate::replay::sink::can::{CanSink, FD_MTU};
-use crate::replay::sink::pty::PtySink;
-use crate::replay::sink::serial::SerialSink;
-use crate::replay::sink::slcan::SlcanSink;
-use crate::replay::sink::trace::TraceSink;
+use crate::replay::lane::Pace;
+use crate::replay::reach::reach_of;
 use crate::replay::target::{TargetAddress, TargetSpec};
-use crate::replay::verify::Witness;
 use crate::text::{parse_moment, rfc3339_millis};
 
 /// What a bus carries.
@@ -49,9 +42,9 @@ pub struct Plan {
     /// What each bus carries.
     carried: Vec<Carries>,
     /// The names in a trace, by bus.
-    names: Vec<String>,
+    pub names: Vec<String>,
     /// What one byte takes on a paced line, by target.
-    paces: Vec<Option<Pace>>,
+    pub paces: Vec<Option<Pace>>,
 }
 
 /// The targets, read but not yet compared with a recording.
@@ -92,7 +85,7 @@ impl Plan {
 
     /// What stands at each target.
     pub fn reaches(&self) -> Result<Vec<Reach>> {
-        let reach = |target: &TargetSpec| Ok(Reach::of(&target.address)?);
+        let reach = |target: &TargetSpec| Ok(reach_of(&target.address)?);
         self.targets.iter().map(reach).collect()
     }
 
@@ -105,96 +98,9 @@ impl Plan {
         }
     }
 
-    /// Refuses CAN FD frames for a target that cannot carry them. Reads the recording only where
-    /// its metadata leave it open whether there are any.
-    pub fn check_fd(&self, recording: &Recording, reaches: &[Reach]) -> Result<()> {
-        for (bus, name, lane) in self.buses().filter(|(bus, ..)| !self.answers(*bus)) {
-            let able = match &self.targets[lane].address {
-                TargetAddress::Can(_) => {
-                    reaches[lane].link.as_ref().is_some_and(|link| link.mtu >= FD_MTU)
-                }
-                TargetAddress::Slcan(address) => address.data_bitrate.is_some(),
-                _ => true,
-            };
-            let record = format!("bustape.bus.{name}");
-            let mut facts = recording.segments.iter().map(|s| s.fact(&record, "mtu"));
-            if able || facts.all(|mtu| mtu == Some("16")) {
-                continue;
-            }
-            if let Some(time) = self.first_fd(recording, bus, name) {
-                let target = &self.targets[lane].text;
-                let hint = if reaches[lane].is_virtual {
-                    format!(" (here: ip link set {target} mtu 72)")
-                } else {
-                    String::new()
-                };
-                bail!(
-                    "{name} has CAN FD frames (the first at {}), which {target} cannot carry; \
-                     choose a target with CAN FD{hint}",
-                    rfc3339_millis(time),
-                );
-            }
-        }
-        Ok(())
-    }
-
-    fn first_fd(&self, recording: &Recording, bus: usize, name: &str) -> Option<Timestamp> {
-        let topic = format!("/{name}/raw");
-        let selection = &self.feed.buses[bus].selection;
-        recording.entries(self.feed.range.clone(), |other| other == topic).find_map(|entry| {
-            let Entry::Frame(_, mut frame) = entry.value else { return None };
-            let fd = matches!(&frame, Frame::Can(frame) if frame.flags.has(CanFlags::FD));
-            (fd && selection.take(&mut frame).is_ok()).then_some(entry.time)
-        })
-    }
-
-    /// Opens every target.
-    pub fn open(&self, args: &ReplayArgs, reaches: &[Reach], permit: &Permit) -> Result<Vec<Lane>> {
-        let mut lanes = Vec::new();
-        for (number, target) in self.targets.iter().enumerate() {
-            let answers = args.answer.contains(&target.bus);
-            let sink: Box<dyn Sink> = match &target.address {
-                TargetAddress::Can(name) => {
-                    let link = reaches[number].link.as_ref();
-                    let link = link.with_context(|| format!("{name} was not looked up"))?;
-                    Box::new(CanSink::open(link, answers, permit)?)
-                }
-                TargetAddress::Slcan(address) => {
-                    Box::new(SlcanSink::open(address.clone(), permit)?)
-                }
-                TargetAddress::Port { path, settings } => {
-                    Box::new(SerialSink::open(path.clone(), *settings, permit)?)
-                }
-                TargetAddress::Pty(path) => Box::new(PtySink::open(path)?),
-                TargetAddress::Trace => Box::new(TraceSink::new(&self.names)),
-            };
-            lanes.push(Lane::new(target.text.clone(), sink, self.paces[number]));
-        }
-        Ok(lanes)
-    }
-
     /// What a bus carries, by its number.
     pub fn carries(&self, bus: usize) -> Carries {
         self.carried.get(bus).copied().unwrap_or(Carries::Can)
-    }
-
-    /// Has somebody listen to each target.
-    pub fn watch(&self, lanes: &mut [Lane], reaches: &[Reach]) -> Result<()> {
-        for ((target, lane), reach) in self.targets.iter().zip(lanes).zip(reaches) {
-            let witness = match (&target.address, &reach.link) {
-                (TargetAddress::Can(_), Some(link)) => Witness::of_can(link)?,
-                (TargetAddress::Pty(path), _) => Witness::of_pty(path)?,
-                _ => {
-                    return usage(format!(
-                        "--verify: {} does not hand back what was sent to it; only CAN interfaces \
-                         and pty: do",
-                        target.text
-                    ));
-                }
-            };
-            lane.watch(witness);
-        }
-        Ok(())
     }
 }
 
@@ -316,133 +222,6 @@ fn batch_span(recording: &Recording) -> u64 {
     let spans = recording.segments.iter();
     let spans = spans.filter_map(|s| s.fact("bustape.recording", "batch_max_ns")?.parse().ok());
     spans.max().unwrap_or(0)
-}
-
-fn selection(
-    args: &ReplayArgs,
-    recording: &Recording,
-    spec: &TargetSpec,
-    carries: Carries,
-    definitions: &Definitions<'_>,
-) -> Result<Selection> {
-    let bus = &spec.bus;
-    let mut selection = Selection {
-        error_frames: spec.address == TargetAddress::Trace,
-        only: only(args, bus)?,
-        ..Selection::default()
-    };
-    for text in &args.filters {
-        let (name, filters) = text.split_once(',').unwrap_or((text, ""));
-        if name == bus {
-            if filters.is_empty() || carries != Carries::Can {
-                return usage(format!("--filter {text}: write it as BUS,123:7FF for a CAN bus"));
-            }
-            selection.filters = format!("x,{filters}")
-                .parse()
-                .or_else(|e| usage(format!("--filter {text}: {e}")))?;
-        }
-    }
-    for text in &args.messages {
-        match text.split_once(':') {
-            Some((name, message)) if name == bus => selection.messages.push(message.to_owned()),
-            Some((name, _)) if recording.buses.iter().any(|other| other == name) => {}
-            Some(_) | None => selection.messages.push(text.clone()),
-        }
-    }
-    for text in &args.remap {
-        if let Some((old, new)) = remap(text, bus)? {
-            let Some((id, extended)) = identifier(new) else {
-                return usage(format!(
-                    "--remap {text}: \"{new}\" is no identifier; write 3 hexadecimal digits for \
-                     11 bits, 8 for 29"
-                ));
-            };
-            selection.remap.push((Which::parse(old), id, extended));
-        }
-    }
-    let by_name = selection.remap.iter().any(|(which, ..)| matches!(which, Which::Message(_)));
-    if carries == Carries::Can && (by_name || !selection.messages.is_empty()) {
-        name_messages(&mut selection, bus, definitions)?;
-    }
-    Ok(selection)
-}
-
-/// Finds the database that tells messages apart, and checks that it has those asked for.
-fn name_messages(
-    selection: &mut Selection,
-    bus: &str,
-    definitions: &Definitions<'_>,
-) -> Result<()> {
-    let Some(definition) = definitions.can(bus)? else {
-        return usage(format!(
-            "messages of {bus} have no names without a database; name it with --decode \
-             {bus}=PROTOCOL"
-        ));
-    };
-    let renamed = selection.remap.iter().filter_map(|(which, ..)| match which {
-        Which::Message(name) => Some(name),
-        Which::Id { .. } => None,
-    });
-    for name in selection.messages.iter().chain(renamed) {
-        let remote = definition.remotes().iter().any(|remote| remote.name == *name);
-        if !remote && !definition.messages().iter().any(|message| message.name == *name) {
-            return usage(format!("the database of {bus} has no message {name}"));
-        }
-    }
-    selection.definition = Some(Arc::new(definition));
-    Ok(())
-}
-
-fn only(args: &ReplayArgs, bus: &str) -> Result<Option<Direction>> {
-    let mut only = None;
-    for text in &args.only {
-        let (name, way) = match text.split_once(':') {
-            Some((name, way)) => (Some(name), way),
-            None => (None, text.as_str()),
-        };
-        let way = match way {
-            "rx" => Direction::Rx,
-            "tx" => Direction::Tx,
-            _ => return usage(format!("--only {text}: write rx or tx, or BUS:rx")),
-        };
-        if name.is_none_or(|name| name == bus) {
-            only = Some(way);
-        }
-    }
-    Ok(only)
-}
-
-/// `BUS:OLD=NEW` of this bus.
-fn remap<'a>(text: &'a str, bus: &str) -> Result<Option<(&'a str, &'a str)>> {
-    let Some((old, new)) = text.split_once('=') else {
-        return usage(format!("--remap {text}: write it as BUS:OLD=NEW"));
-    };
-    match old.split_once(':') {
-        Some((name, old)) if name == bus => Ok(Some((old, new))),
-        _ => Ok(None),
-    }
-}
-
-/// The name of a bus in a trace.
-fn shown_name(args: &ReplayArgs, bus: &str) -> String {
-    let mut renamed = args.remap.iter().filter_map(|text| text.split_once('='));
-    renamed.find(|(old, _)| *old == bus).map_or(bus, |(_, new)| new).to_owned()
-}
-
-/// Options that name a bus must name one that is played.
-fn check_options(args: &ReplayArgs, plan: &Plan) -> Result<()> {
-    let known = |name: &str| plan.buses().any(|(_, bus, _)| bus == name);
-    let named = |text: &str, end: &[char]| text.split(end).next().unwrap_or_default().to_owned();
-    let filters = args.filters.iter().map(|text| ("filter", text, named(text, &[','])));
-    let remaps = args.remap.iter().map(|text| ("remap", text, named(text, &[':', '='])));
-    let only = args.only.iter().filter(|text| text.contains(':'));
-    let only = only.map(|text| ("only", text, named(text, &[':'])));
-    for (option, text, bus) in filters.chain(remaps).chain(only) {
-        if !known(&bus) {
-            return usage(format!("--{option} {text}: there is no --to for {bus}"));
-        }
-    }
-    Ok(())
 }
 
 /// How long a byte takes at `text` baud, or at that of the recorded line.

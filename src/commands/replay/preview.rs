@@ -7,11 +7,11 @@ use serde_json::json;
 use super::omitted_text;
 use super::plan::Plan;
 use crate::cli::replay::ReplayArgs;
-use crate::commands::{Ended, info, output};
+use crate::commands::{Ended, output};
 use crate::frame::{Frame, Timestamp};
+use crate::permit::{Reach, grant};
 use crate::recording::reader::Recording;
 use crate::replay::feed::{Feed, FeedPlan, Next, Place};
-use crate::replay::permit::{Reach, grant};
 use crate::replay::tally::Tally;
 use crate::text::{grouped, rfc3339_millis};
 
@@ -64,7 +64,7 @@ pub fn show(args: &ReplayArgs, plan: &Plan, recording: &Recording, reaches: &[Re
         output::warning(sentence);
     }
     super::say_intact(recording);
-    let damaged = !damage.is_empty() || recording.unfinished().any(info::is_damaged);
+    let damaged = !damage.is_empty() || recording.unfinished().next().is_some();
     if damaged { Ended::WithLoss } else { Ended::Well }
 }
 

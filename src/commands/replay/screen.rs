@@ -6,7 +6,7 @@ use super::plan::Plan;
 use crate::commands::{cat, output};
 use crate::frame::{Gap, Timestamp};
 use crate::recording::reader::Recording;
-use crate::replay::player::{Audience, Position};
+use crate::replay::stage::{Audience, Position};
 use crate::text::{duration, grouped};
 
 /// So many gaps are said; the others are counted.

@@ -5,7 +5,7 @@ use anyhow::{Context as _, Result, anyhow, bail};
 use super::super::{Ended, UsageError, output};
 use super::until_end;
 use crate::cli::simulate::{CanRole, HmiCanArgs};
-use crate::permit;
+use crate::permit::{self, Reach};
 use crate::simulate::hmi_can::fault::Fault;
 use crate::simulate::hmi_can::onto_can::{Transmitter, play};
 use crate::simulate::hmi_can::{HmiCan, Role};
@@ -21,7 +21,7 @@ pub async fn run(args: &HmiCanArgs) -> Result<Ended> {
              up\" makes one, \"bustape ports\" lists those that are there"
         )
     })?;
-    permit::can(&interface, &simulation.transmit_on)?;
+    permit::grant(&[Reach::of_interface(interface.clone())], &simulation.transmit_on)?;
     if !interface.up {
         bail!("the interface {name} is down; \"ip link set {name} up\" helps");
     }

@@ -6,7 +6,7 @@ use super::super::{Ended, UsageError, output};
 use super::until_end;
 use crate::capture::serial::SerialAddress;
 use crate::cli::simulate::{LineRole, ZhonghengArgs};
-use crate::permit;
+use crate::permit::{self, Reach};
 use crate::simulate::line::Line;
 use crate::simulate::rectifier_line::{run_master, run_slave};
 use crate::simulate::zhongheng::{BAUD, Master, Slave};
@@ -36,7 +36,7 @@ fn open(args: &ZhonghengArgs) -> Result<Line> {
     Ok(match SerialAddress::parse(address) {
         Some(Ok(SerialAddress::Pty { link })) => Line::linked(&link, BAUD)?,
         Some(Ok(SerialAddress::Port { path, settings })) => {
-            permit::serial(&path, &args.simulation.transmit_on)?;
+            permit::grant(&[Reach::of_port(&path)], &args.simulation.transmit_on)?;
             Line::port(path, settings)?
         }
         Some(Err(error)) => bail!(wrong(error.to_string())),

@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use super::book::{Book, Found, Recorded};
-use super::{Answerer, Counts, Manner, Reply};
+use super::{Answerer, Counts, Learnt, Manner, Pupil, Reply};
 use crate::frame::{Direction, Frame, SerialBytes, Timestamp};
 use crate::replay::sink::Heard;
 
@@ -88,6 +88,21 @@ impl Learner {
             notes: Vec::new(),
         };
         (device, answers, full)
+    }
+}
+
+impl Pupil for Learner {
+    fn take(&mut self, time: Timestamp, frame: &Frame) {
+        match frame {
+            Frame::Serial(bytes) => self.learn(time, bytes),
+            Frame::Gap(_) => self.gap(),
+            Frame::Can(_) | Frame::Notice(_) => {}
+        }
+    }
+
+    fn graduate(self: Box<Self>, manner: Manner) -> Learnt {
+        let (device, answers, full) = self.finish(manner);
+        Learnt { device: Box::new(device), answers, full }
     }
 }
 

@@ -4,7 +4,7 @@
 use std::collections::BTreeSet;
 
 use super::book::{Book, Found};
-use super::{Answerer, Counts, Manner, Reply};
+use super::{Answerer, Counts, Learnt, Manner, Pupil, Reply};
 use crate::decode::answers::AnswerRule;
 use crate::frame::{CanFlags, CanFrame, Frame, Timestamp};
 use crate::replay::sink::Heard;
@@ -121,6 +121,21 @@ impl Learner {
             notes: Vec::new(),
         };
         (device, answers, full)
+    }
+}
+
+impl Pupil for Learner {
+    fn take(&mut self, time: Timestamp, frame: &Frame) {
+        match frame {
+            Frame::Can(frame) => self.learn(time, frame),
+            Frame::Gap(_) => self.gap(),
+            Frame::Serial(_) | Frame::Notice(_) => {}
+        }
+    }
+
+    fn graduate(self: Box<Self>, manner: Manner) -> Learnt {
+        let (device, answers, full) = self.finish(manner);
+        Learnt { device: Box::new(device), answers, full }
     }
 }
 

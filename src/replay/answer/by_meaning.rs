@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use super::book::{Book, Found};
-use super::{Answerer, Counts, Manner, Reply};
+use super::{Answerer, Counts, Learnt, Manner, Pupil, Reply};
 use crate::frame::{Direction, Frame, SerialBytes, Timestamp};
 use crate::protocol::item::{FrameItem, Item, ItemKind};
 use crate::protocol::message::Message;
@@ -98,6 +98,21 @@ impl Learner {
             heard: None,
         };
         (device, answers, full)
+    }
+}
+
+impl Pupil for Learner {
+    fn take(&mut self, time: Timestamp, frame: &Frame) {
+        match frame {
+            Frame::Serial(bytes) => self.learn(time, bytes),
+            Frame::Gap(_) => self.gap(),
+            Frame::Can(_) | Frame::Notice(_) => {}
+        }
+    }
+
+    fn graduate(self: Box<Self>, manner: Manner) -> Learnt {
+        let (device, answers, full) = self.finish(manner);
+        Learnt { device: Box::new(device), answers, full }
     }
 }
 

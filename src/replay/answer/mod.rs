@@ -13,6 +13,25 @@ use crate::frame::{Frame, Timestamp};
 /// Takes an answer: after how many nanoseconds, when it was recorded, and what.
 pub type Reply<'a> = &'a mut dyn FnMut(u64, Timestamp, Frame);
 
+/// Something that learns from a recorded dialogue what a device says.
+pub trait Pupil {
+    /// Takes the next of the bus's frames and gaps, in their order.
+    fn take(&mut self, time: Timestamp, frame: &Frame);
+
+    /// Ends with a device that answers as was learnt.
+    fn graduate(self: Box<Self>, manner: Manner) -> Learnt;
+}
+
+/// What a [`Pupil`] has become.
+pub struct Learnt {
+    /// The device.
+    pub device: Box<dyn Answerer>,
+    /// How many answers it has.
+    pub answers: usize,
+    /// True if there was no room for all.
+    pub full: bool,
+}
+
 /// Something that listens on a target and answers.
 pub trait Answerer {
     /// Takes what somebody sent at `now`, on the steady clock.

@@ -1,10 +1,11 @@
 //! What a person or a script asks for while a recording is played.
 
-use super::{Ending, Player};
+use super::Player;
 use crate::frame::Timestamp;
 use crate::replay::control::{Request, Said};
 use crate::replay::feed::{Feed, Place};
 use crate::replay::schedule::Rate;
+use crate::replay::stage::Ending;
 use crate::sys::timing::steady_nanos;
 use crate::text::parse_moment;
 
@@ -68,18 +69,6 @@ impl Player<'_, '_, '_> {
         let state = if self.schedule.is_paused() { "paused" } else { "playing" };
         let (rate, place) = (self.schedule.rate(), self.place());
         self.audience.say(&format!("{state} at {place}, rate {rate}, {} sent", self.sent()));
-    }
-
-    /// The recorded time of the latest frame, for a person.
-    fn place(&self) -> String {
-        let start = self.stage.recording.span().map_or(self.position, |span| span.0);
-        let after = self.position.since(start);
-        format!(
-            "+{}.{:03} s ({})",
-            after / 1_000_000_000,
-            after / 1_000_000 % 1000,
-            crate::text::rfc3339(self.position)
-        )
     }
 
     fn seek_text(&mut self, text: &str) {

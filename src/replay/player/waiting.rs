@@ -5,11 +5,28 @@ use nix::poll::{PollFd, PollFlags};
 use super::{Player, SPIN};
 use crate::frame::{Frame, Timestamp};
 use crate::replay::ReplayError;
+use crate::replay::control::{Request, Said};
 use crate::replay::feed::Item;
-use crate::sys::timing::{steady_nanos, wait};
+use crate::replay::lane::Lane;
+use crate::sys::timing::{sleep_until, steady_nanos, wait};
 
+/// How long targets may take to get out what they took, after the last frame.
+const LAST_BYTES: u64 = 1_000_000_000;
+/// Before a frame that is due so soon nobody is listened to: the sleep is shorter than a person or
+/// a signal notices, costs less than waiting for descriptors, and is more exact.
+const NAP: u64 = 5_000_000;
+/// `MAX_SLACK` of `fs/select.c`.
+const ROUNDED_UP: u64 = 100_000_000;
 /// A slow reader of our text is looked at again after this, nanoseconds.
 const SLOW_READER: u64 = 5_000_000;
+
+/// When to stop listening for the sake of a frame that is due at `due` and shall be waited for
+/// exactly, or with `spin` nanoseconds to look at the clock: before the last [`NAP`], and earlier by
+/// what poll(2) may round a long wait up, which is at most a two hundredth and 100 ms.
+fn before(due: u64, spin: u64) -> u64 {
+    let left = due.saturating_sub(steady_nanos());
+    if left <= NAP { due - spin.min(due) } else { due - NAP - (left / 200).min(ROUNDED_UP) }
+}
 
 /// Something to say, and when.
 struct Answer {
@@ -42,10 +59,35 @@ impl Player<'_, '_, '_> {
         if self.audience.watches() {
             sooner(self.next_status);
         }
-        let spin = due.filter(|due| self.options.precise && Some(*due) == until && *due > 0);
-        let until =
-            if spin.is_some() { until.map(|until| until.saturating_sub(SPIN)) } else { until };
+        let on_time = due.filter(|due| Some(*due) == until && *due > 0);
+        let spin = if self.options.precise { SPIN } else { 0 };
+        match on_time {
+            Some(due) if due <= self.hear_by && self.may_nap() => {
+                sleep_until(due.saturating_sub(spin));
+            }
+            Some(due) => self.listen(Some(before(due, spin)))?,
+            None => self.listen(until)?,
+        }
+        if let Some(due) = on_time
+            && spin > 0
+            && steady_nanos() + spin >= due
+        {
+            while steady_nanos() < due {
+                std::hint::spin_loop();
+            }
+        }
+        Ok(())
+    }
+
+    /// True if nobody has to be heard before the next frame goes out.
+    fn may_nap(&self) -> bool {
+        !self.answers() && !self.stage.lanes.iter().any(Lane::is_blocked)
+    }
+
+    /// Waits until `until`, or until somebody speaks, and hears what is said.
+    fn listen(&mut self, until: Option<u64>) -> Result<(), ReplayError> {
         let (said, heard) = self.wait_for_descriptors(until)?;
+        self.hear_by = steady_nanos() + NAP;
         if said {
             self.take_said();
         }
@@ -53,13 +95,6 @@ impl Player<'_, '_, '_> {
             self.hear(lane)?;
         }
         self.look();
-        if let Some(due) = spin
-            && steady_nanos() + SPIN >= due
-        {
-            while steady_nanos() < due {
-                std::hint::spin_loop();
-            }
-        }
         Ok(())
     }
 
@@ -97,6 +132,7 @@ impl Player<'_, '_, '_> {
     /// Takes what came back from a target, and answers it.
     pub(super) fn hear(&mut self, number: usize) -> Result<(), ReplayError> {
         let Some(lane) = self.stage.lanes.get_mut(number) else { return Ok(()) };
+        lane.wake();
         let mut answers = Vec::new();
         let now = steady_nanos();
         let answerer = self.stage.answerers.get_mut(number).and_then(Option::as_mut);
@@ -142,6 +178,34 @@ impl Player<'_, '_, '_> {
         for Answer { at, time, frame } in answers {
             self.given += 1;
             lane.push(at, Item { media: 0, time, bus, frame });
+        }
+    }
+
+    /// Lets the targets get out what they took.
+    pub(super) fn finish(&mut self) -> Result<(), ReplayError> {
+        let end = steady_nanos() + LAST_BYTES;
+        loop {
+            let mut done = true;
+            for lane in &mut self.stage.lanes {
+                done &= lane.sink().finish()?;
+            }
+            let now = steady_nanos();
+            if done || now >= end {
+                return Ok(());
+            }
+            let (said, heard) = self.wait_for_descriptors(Some(now + 1_000_000))?;
+            for lane in heard {
+                self.hear(lane)?;
+            }
+            if said {
+                let mut stop = false;
+                self.controls.take(&mut |what| {
+                    stop |= matches!(what, Said::Signal(_) | Said::Request(Request::Quit));
+                });
+                if stop {
+                    return Ok(());
+                }
+            }
         }
     }
 }

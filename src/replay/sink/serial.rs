@@ -7,8 +7,8 @@ use std::path::PathBuf;
 use super::{Blocked, Due, Heard, Sink, Took};
 use crate::capture::serial::{PortSpec, SerialSettings, Use};
 use crate::frame::Frame;
+use crate::permit::Permit;
 use crate::replay::ReplayError;
-use crate::replay::permit::Permit;
 use crate::sys::tty::Tty;
 
 /// A serial port.

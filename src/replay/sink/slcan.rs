@@ -12,14 +12,16 @@ use crate::capture::serial::{PortSpec, SerialSettings, Use};
 use crate::capture::slcan::codec::{self, Line};
 use crate::capture::slcan::{Cut, Lines, SlcanAddress, set_up};
 use crate::frame::Frame;
+use crate::permit::Permit;
 use crate::replay::ReplayError;
-use crate::replay::permit::Permit;
 use crate::replay::tally::NotSent;
 use crate::sys::tty::Tty;
 
 /// An adapter that has not acknowledged a frame for this long does not acknowledge frames at all,
 /// as some firmwares do not.
 const PATIENCE: Duration = Duration::from_millis(500);
+/// The answer to a frame wakes whoever waits for it; this is for adapters that do not answer.
+const LOOK: Duration = Duration::from_millis(5);
 /// How long a refused frame waits before it is offered again.
 const AGAIN: Duration = Duration::from_millis(2);
 /// A frame refused for so long is given up.
@@ -36,6 +38,8 @@ pub struct SlcanSink {
     taken: bool,
     /// Since when the first frame is refused.
     refused: Option<Instant>,
+    /// When it was refused last.
+    bell: Option<Instant>,
     acknowledges: bool,
     /// Of the line being written.
     rest: Vec<u8>,
@@ -60,6 +64,7 @@ impl SlcanSink {
             awaiting: acknowledges.then(Instant::now),
             taken: false,
             refused: None,
+            bell: None,
             acknowledges,
             rest: Vec::new(),
             heard: Vec::new(),
@@ -113,7 +118,8 @@ impl SlcanSink {
                     _ => {}
                 },
                 Cut::Refused if self.awaiting.take().is_some() => {
-                    self.refused.get_or_insert_with(Instant::now);
+                    let now = *self.bell.insert(Instant::now());
+                    self.refused.get_or_insert(now);
                 }
                 Cut::Refused | Cut::TooLong => {}
             });
@@ -137,7 +143,7 @@ impl SlcanSink {
     fn waiting(&mut self) -> Option<Took> {
         let since = self.awaiting?;
         if since.elapsed() < PATIENCE {
-            return Some(Took::blocked(0, Blocked::For(Duration::from_micros(200))));
+            return Some(Took::blocked(0, Blocked::For(LOOK)));
         }
         self.awaiting = None;
         if self.acknowledges {
@@ -170,6 +176,9 @@ impl Sink for SlcanSink {
             self.refused = None;
             return Ok(Took::omitted(1, NotSent::Refused));
         }
+        if let Some(left) = self.bell.and_then(|bell| AGAIN.checked_sub(bell.elapsed())) {
+            return Ok(Took::blocked(0, Blocked::For(left)));
+        }
         let Some(Frame::Can(frame)) = front.first().map(|due| &due.item.frame) else {
             return Ok(Took::sent(0));
         };
@@ -180,8 +189,7 @@ impl Sink for SlcanSink {
         let written = self.write()?;
         if self.acknowledges {
             self.awaiting = Some(Instant::now());
-            let again = if self.refused.is_some() { AGAIN } else { Duration::from_micros(100) };
-            return Ok(Took::blocked(0, Blocked::For(again)));
+            return Ok(Took::blocked(0, Blocked::For(LOOK)));
         }
         Ok(if written { Took::sent(1) } else { Took::blocked(1, Blocked::Writable) })
     }
@@ -214,5 +222,15 @@ impl Sink for SlcanSink {
 
     fn notes(&mut self) -> Vec<String> {
         std::mem::take(&mut self.notes)
+    }
+}
+
+impl Drop for SlcanSink {
+    /// However a replay ends, its adapter must not go on acknowledging frames on the bus.
+    fn drop(&mut self) {
+        if !std::mem::replace(&mut self.closing, true) && self.write().is_ok_and(|all| all) {
+            // An adapter that is gone needs no closing.
+            let _ = self.tty.write(b"C\r");
+        }
     }
 }

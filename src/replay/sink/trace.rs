@@ -2,10 +2,15 @@
 //!
 //! The times are the recorded ones, so that the same recording always gives the same text.
 
+use std::fs::OpenOptions;
 use std::io;
-use std::os::fd::{AsFd as _, BorrowedFd};
+use std::os::fd::{AsFd as _, BorrowedFd, OwnedFd};
+use std::os::unix::fs::OpenOptionsExt as _;
 
+use nix::errno::Errno;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
+use nix::sys::stat::fstat;
+use nix::unistd::write;
 
 use super::{Blocked, Due, Sink, Took};
 use crate::frame::{Frame, Timestamp};
@@ -21,9 +26,7 @@ const PIPE_PIECE: usize = 4096;
 
 /// Text on stdout.
 pub struct TraceSink {
-    out: io::Stdout,
-    /// Never blocks: a file.
-    is_file: bool,
+    out: Out,
     text: Vec<u8>,
     /// Text at the start that is gone already.
     gone: usize,
@@ -34,11 +37,9 @@ pub struct TraceSink {
 impl TraceSink {
     /// Text in which the buses have these names, by number.
     pub fn new(names: &[String]) -> Self {
-        let out = io::stdout();
-        let is_file = nix::sys::stat::fstat(&out)
-            .is_ok_and(|stat| stat.st_mode & libc::S_IFMT == libc::S_IFREG);
+        let out = Out::new();
         let names = names.iter().map(|name| printable(name)).collect();
-        Self { out, is_file, text: Vec::new(), gone: 0, names, clock: Clock::default() }
+        Self { out, text: Vec::new(), gone: 0, names, clock: Clock::default() }
     }
 
     /// Appends one line.
@@ -62,20 +63,10 @@ impl TraceSink {
     /// Writes what can be written without waiting.
     fn write(&mut self) -> Result<(), ReplayError> {
         while self.gone < self.text.len() {
-            let rest = &self.text[self.gone..];
-            let rest = if self.is_file { rest } else { &rest[..rest.len().min(PIPE_PIECE)] };
-            if !self.is_file {
-                let mut ready = [PollFd::new(self.out.as_fd(), PollFlags::POLLOUT)];
-                if poll(&mut ready, PollTimeout::ZERO).unwrap_or(0) == 0 {
-                    break;
-                }
-            }
-            match nix::unistd::write(&self.out, rest) {
+            match self.out.write(&self.text[self.gone..]) {
                 Ok(written) => self.gone += written,
-                Err(nix::errno::Errno::EAGAIN | nix::errno::Errno::EINTR) => break,
-                Err(nix::errno::Errno::EPIPE) => {
-                    return Err(ReplayError(READER_GONE.to_owned()));
-                }
+                Err(Errno::EAGAIN | Errno::EINTR) => break,
+                Err(Errno::EPIPE) => return Err(ReplayError(READER_GONE.to_owned())),
                 Err(error) => {
                     return Err(ReplayError(format!("cannot write to stdout: {error}")));
                 }
@@ -86,6 +77,50 @@ impl TraceSink {
             self.gone = 0;
         }
         Ok(())
+    }
+}
+
+/// Stdout, as far as it can be written to without waiting.
+enum Out {
+    /// A file, or a pipe of our own making to the same reader: never waits.
+    Free(OwnedFd),
+    /// Anything else: stdout itself, whose other users must not find it changed.
+    Shared(io::Stdout),
+}
+
+impl Out {
+    fn new() -> Self {
+        let stdout = io::stdout();
+        let kind = fstat(&stdout).map_or(0, |stat| stat.st_mode & libc::S_IFMT);
+        let own = match kind {
+            libc::S_IFREG => stdout.as_fd().try_clone_to_owned().ok(),
+            // Opened anew it has flags of its own (proc(5)).
+            libc::S_IFIFO => OpenOptions::new()
+                .write(true)
+                .custom_flags(libc::O_NONBLOCK | libc::O_CLOEXEC)
+                .open("/proc/self/fd/1")
+                .ok()
+                .map(OwnedFd::from),
+            _ => None,
+        };
+        own.map_or(Self::Shared(stdout), Self::Free)
+    }
+
+    /// Writes what fits; `EAGAIN` if nothing does.
+    fn write(&self, text: &[u8]) -> nix::Result<usize> {
+        let Self::Shared(stdout) = self else { return write(self.as_fd(), text) };
+        let mut ready = [PollFd::new(stdout.as_fd(), PollFlags::POLLOUT)];
+        match poll(&mut ready, PollTimeout::ZERO)? {
+            0 => Err(Errno::EAGAIN),
+            _ => write(stdout, &text[..text.len().min(PIPE_PIECE)]),
+        }
+    }
+
+    fn as_fd(&self) -> BorrowedFd<'_> {
+        match self {
+            Self::Free(own) => own.as_fd(),
+            Self::Shared(stdout) => stdout.as_fd(),
+        }
     }
 }
 

@@ -2,7 +2,9 @@
 """A master that asks a device what its recorded master asked, in another order and as fast as it can.
 
 It knows the protocol by itself: frames of the Zhongheng 09 monitors, CRC, escapes, sequence bit.
-Reads "PORT DUMP" from stdin, DUMP being the text of the recorded dialogue; prints what it found.
+Reads "PORT DUMP REPEAT UNKNOWN ROUNDS" from stdin: the text of the recorded dialogue; whether its
+answers come in a cycle or the last one stays; whether an unknown request gets silence or an error;
+how often everything is asked. Prints what it found.
 """
 import json
 import random
@@ -11,7 +13,7 @@ import sys
 
 import serial
 
-PORT, DUMP = sys.stdin.readline().split()
+PORT, DUMP, REPEAT, UNKNOWN, ROUNDS = sys.stdin.readline().split()
 
 
 def crc(data):
@@ -92,14 +94,16 @@ def ask(frame, sequence, patience=100):
     return None
 
 
-requests = [key for key, known in answers.items() if known]
-for round in range(12):
+# What no slave knows as a request of its link is not asked: only to connect, and single commands.
+requests = [key for key, known in answers.items() if known and key[3] & 0x0F in (0, 5)]
+for round in range(int(ROUNDS)):
     rng.shuffle(requests)
     for key in requests:
         sequence = rng.randrange(2)
         answer = ask(key, sequence)
         known, turn = answers[key], pending.get(key, 0)
-        expected = with_sequence(known[turn % len(known)], sequence)
+        turn_of = turn % len(known) if REPEAT == "cycle" else min(turn, len(known) - 1)
+        expected = with_sequence(known[turn_of], sequence)
         if answer is None or answer[:-2] != expected:
             problems.append([key.hex(), sequence, expected.hex(), answer and answer.hex()])
         if turn >= len(known):
@@ -108,8 +112,11 @@ for round in range(12):
 
 # A command that nobody recorded: the monitor's own refusal, SLAVE_INVALID_DATA_ID_R.
 request = bytes.fromhex("7e000145023abc")
-refusal = ask(request, 1)
-if refusal is None or refusal[5:-2] != b"\x05" or refusal[3] != 0xA5:
+refusal = ask(request, 1, 100 if UNKNOWN == "error" else 6)
+good = refusal is None
+if UNKNOWN == "error":
+    good = refusal is not None and refusal[5:-2] == b"\x05" and refusal[3] == 0xA5
+if not good:
     problems.append(["refusal", refusal and refusal.hex()])
 # A damaged request is not answered.
 damaged = bytearray(on_line(requests[0] + b"\0\0"))
@@ -117,4 +124,7 @@ damaged[-1] ^= 1 if damaged[-1] not in (0x7F, 0x7C, 0x5F) else 2
 port.write(damaged)
 if port.read(100):
     problems.append("a damaged request was answered")
-print(json.dumps({"problems": problems[:5], "kinds": len(requests), "repeats": repeats, "asked": count}))
+# The highest bit of a command says that it sets something.
+sets = sum(len(key) > 7 and key[3] & 0x0F == 5 and key[5] & 0x80 != 0 for key in requests)
+found = {"kinds": len(requests), "sets": sets, "repeats": repeats, "asked": count}
+print(json.dumps({"problems": problems[:5], **found}))

@@ -1,11 +1,13 @@
 //! What the tests share.
 
+pub mod adapter;
 pub mod bytes;
 pub mod line_protocol;
 pub mod make;
 pub mod mcap;
 pub mod messages;
 pub mod peers;
+pub mod person;
 pub mod process;
 pub mod terminal;
 

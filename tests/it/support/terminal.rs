@@ -5,6 +5,7 @@ use std::io::Write as _;
 use std::os::fd::AsFd as _;
 use std::os::unix::fs::OpenOptionsExt as _;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use nix::fcntl::OFlag;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
@@ -46,6 +47,17 @@ impl Device {
     /// Says something to whoever listens, which must be somebody: else it is echoed.
     pub fn say(&mut self, bytes: &[u8]) {
         self.device.write_all(bytes).expect("the port takes it");
+    }
+}
+
+/// Waits until a program has said something to one of `devices`, but not for longer than `most`.
+pub fn wait<const N: usize>(devices: [&Device; N], most: Duration) {
+    let mut ready = devices.map(|device| PollFd::new(device.device.as_fd(), PollFlags::POLLIN));
+    poll(&mut ready, PollTimeout::try_from(most).expect("some milliseconds")).ok();
+    // A device that nobody has open says so at once, again and again.
+    let hung_up = |fd: &PollFd<'_>| fd.revents().is_some_and(|e| e.contains(PollFlags::POLLHUP));
+    if ready.iter().any(hung_up) {
+        std::thread::sleep(Duration::from_millis(1));
     }
 }
 

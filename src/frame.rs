@@ -53,6 +53,17 @@ pub enum Frame {
     Notice(Notice),
 }
 
+impl Frame {
+    /// What it counts for in its bus's [`Unit`].
+    pub fn weight(&self) -> u64 {
+        match self {
+            Self::Can(_) => 1,
+            Self::Serial(bytes) => bytes.data.len() as u64,
+            Self::Gap(_) | Self::Notice(_) => 0,
+        }
+    }
+}
+
 /// Longest CAN payload: 64 bytes of a CAN FD frame.
 pub const CAN_MAX_DATA: usize = 64;
 
@@ -200,6 +211,16 @@ pub enum Unit {
     Bytes,
 }
 
+impl Unit {
+    /// The unit in words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Frames => "frames",
+            Self::Bytes => "bytes",
+        }
+    }
+}
+
 /// Why something was lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum GapReason {
@@ -215,6 +236,30 @@ pub enum GapReason {
     Adapter,
     /// Writing to the disk failed.
     Disk,
+}
+
+impl GapReason {
+    /// Every reason for which something can be counted as dropped.
+    pub const ALL: [Self; 6] = [
+        Self::KernelQueue,
+        Self::RecorderQueue,
+        Self::LinkDown,
+        Self::Overrun,
+        Self::Adapter,
+        Self::Disk,
+    ];
+
+    /// The reason as it is called in metadata and tables.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::KernelQueue => "kernel_queue",
+            Self::RecorderQueue => "recorder_queue",
+            Self::LinkDown => "link_down",
+            Self::Overrun => "overrun",
+            Self::Adapter => "adapter",
+            Self::Disk => "disk",
+        }
+    }
 }
 
 /// Something that existed on the bus but is not in the recording.

@@ -23,6 +23,7 @@ pub mod frame;
 pub mod import;
 pub mod permit;
 pub mod protocol;
+pub mod queue;
 pub mod record;
 pub mod recording;
 pub mod replay;

@@ -14,7 +14,7 @@ use std::time::Duration;
 
 use bustape::clock::Timeline;
 use bustape::frame::{Frame, Stamped, Unit};
-use bustape::record::{Allowance, Inlet, Queue, Tally};
+use bustape::queue::{Allowance, Inlet, Queue, Tally};
 use bustape::recording::definition::Facts;
 use bustape::recording::disk::OutputFile;
 use bustape::recording::reader::Recording;

@@ -13,7 +13,7 @@ use std::future::Future;
 use std::pin::Pin;
 
 use crate::frame::Unit;
-use crate::record::Inlet;
+use crate::queue::Inlet;
 
 /// What is known of a bus when it is opened; goes into the metadata `bustape.bus.<name>`.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

@@ -10,7 +10,6 @@ use anyhow::Result;
 use super::{Ended, info, output};
 use crate::cli::{CatArgs, TimeStyle};
 use crate::frame::{Frame, Gap, Stamped, Timestamp};
-use crate::record::{reason_name, unit_name};
 use crate::recording::reader::{Entry, Recording};
 use crate::text::{candump, hex, printable, printable_json, rfc3339_millis};
 use select::Selection;
@@ -121,8 +120,8 @@ pub(super) fn gap_text(bus: &str, gap: &Gap) -> String {
     };
     format!(
         "gap: {bus} lost {count} {} ({}) from {} to {}",
-        unit_name(gap.unit),
-        reason_name(gap.reason),
+        gap.unit.name(),
+        gap.reason.name(),
         rfc3339_millis(gap.from),
         rfc3339_millis(gap.to),
     )

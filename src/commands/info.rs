@@ -9,7 +9,6 @@ use serde_json::{Value, json};
 use super::{Ended, output};
 use crate::cli::InfoArgs;
 use crate::frame::{Frame, Gap, Timestamp};
-use crate::record::{reason_name, unit_name};
 use crate::recording::reader::{Entry, Recording};
 use crate::recording::rewrite::RECOVERY;
 use crate::recording::segment::{Ending, Segment};
@@ -211,13 +210,13 @@ fn print_gaps(out: &mut impl std::io::Write, recording: &Recording) -> Result<()
     let rows = gaps.iter().take(GAPS_SHOWN).map(|(bus, gap)| {
         let count = if gap.count == 0 { "unknown".to_owned() } else { grouped(gap.count) };
         let lasted = duration(gap.to.since(gap.from));
-        let reason = reason_name(gap.reason).to_owned();
+        let reason = gap.reason.name().to_owned();
         vec![
             bus.clone(),
             rfc3339_millis(gap.from),
             lasted,
             count,
-            unit_name(gap.unit).to_owned(),
+            gap.unit.name().to_owned(),
             reason,
         ]
     });
@@ -323,8 +322,8 @@ fn as_json(recording: &Recording) -> Value {
         json!({
             "bus": bus,
             "count": gap.count,
-            "unit": unit_name(gap.unit),
-            "reason": reason_name(gap.reason),
+            "unit": gap.unit.name(),
+            "reason": gap.reason.name(),
             "from": rfc3339(gap.from),
             "to": rfc3339(gap.to),
         })

@@ -31,10 +31,8 @@ use crate::channels::Stream;
 use crate::cli::RecordArgs;
 use crate::clock::Timeline;
 use crate::frame::{Level, Unit};
-use crate::record::{
-    Allowance, BusIndex, Inlet, LEAST_FREE, Open, Outcome, Progress, Queue, RecordedBus, Recorder,
-    Segments, Tally,
-};
+use crate::queue::{Allowance, BusIndex, Inlet, Queue, Tally};
+use crate::record::{LEAST_FREE, Open, Outcome, Progress, RecordedBus, Recorder, Segments};
 use crate::recording::disk::RealDisk;
 use crate::sys::SystemClock;
 use crate::trigger::Triggers;

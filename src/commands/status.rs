@@ -3,7 +3,8 @@
 use std::io::{IsTerminal as _, Write as _};
 
 use crate::frame::Timestamp;
-use crate::record::{State, Totals};
+use crate::queue::Totals;
+use crate::record::State;
 use crate::text::{duration, grouped, size};
 
 /// One line on stderr that is written over and over.

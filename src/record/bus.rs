@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use super::tally::{REASONS, Tally, Totals, reason_name, unit_name};
 use crate::capture::BusFacts;
 use crate::channels::Stream;
 use crate::frame::{GapReason, Unit};
+use crate::queue::{Tally, Totals};
 use crate::recording::definition::Facts;
 use crate::recording::schema::bustape::BusStats;
 
@@ -62,7 +62,7 @@ pub fn summary(reason: &str, buses: &[RecordedBus], segment_counts: &[u64]) -> F
     let mut facts = Facts::from([("reason".to_owned(), reason.to_owned())]);
     for (bus, in_segment) in buses.iter().zip(segment_counts) {
         let totals = bus.tally.totals();
-        let unit = unit_name(bus.facts.unit.unwrap_or(Unit::Frames));
+        let unit = bus.facts.unit.unwrap_or(Unit::Frames).name();
         let mut put = |key: &str, value: String| {
             facts.insert(format!("{}.{key}", bus.name), value);
         };
@@ -72,9 +72,9 @@ pub fn summary(reason: &str, buses: &[RecordedBus], segment_counts: &[u64]) -> F
         put("dropped", totals.lost().to_string());
         put("segment_written", in_segment.to_string());
         put("outages", totals.outages.to_string());
-        for reason in REASONS {
+        for reason in GapReason::ALL {
             if totals.lost_to(reason) > 0 {
-                let key = format!("dropped.{}", reason_name(reason));
+                let key = format!("dropped.{}", reason.name());
                 put(&key, totals.lost_to(reason).to_string());
             }
         }

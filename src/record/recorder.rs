@@ -9,13 +9,12 @@ use std::time::Duration;
 use super::alarm::Alarm;
 use super::bus::{RecordedBus, summary};
 use super::progress::Progress;
-use super::queue::{Item, Queue};
 use super::retention::{Open, Retention, Room};
 use super::segments::{Segment, SegmentError, Segments, write_error};
-use super::tally::Totals;
 use crate::channels::Stream;
 use crate::clock::{Step, Timeline};
 use crate::frame::{Frame, Gap, GapReason, Level, Notice, Stamped, Timestamp, Unit};
+use crate::queue::{Item, Queue, Totals};
 use crate::recording::definition::{Attachment, Facts};
 use crate::recording::event::Event;
 use crate::recording::schema::bustape::ClockSync;
@@ -239,7 +238,7 @@ impl Recorder {
     fn add(&mut self, item: &Item) {
         let bus = usize::from(item.bus);
         let Some(segment) = &mut self.segment else {
-            let lost = super::queue::weight(&item.frame.value);
+            let lost = item.frame.value.weight();
             self.buses[bus].tally.dropped(GapReason::Disk, lost);
             return;
         };

@@ -15,7 +15,6 @@ use super::limits::MAX_CHUNK_FRAMES;
 use super::schema::{self, Schema, bustape};
 use super::{can_frame, message, wire};
 use crate::frame::{CanFrame, Frame, Gap, Notice, SerialBytes, Stamped, Timestamp};
-use crate::record::weight;
 
 /// Where events stand: marks and triggers.
 pub const EVENT_TOPIC: &str = "/bustape/event";
@@ -169,8 +168,8 @@ impl SegmentWriter {
                 self.add_notice(frame.time, &name, notice)
             }
         }?;
-        self.buses[bus].pending += weight(&frame.value);
-        self.frames |= weight(&frame.value) > 0;
+        self.buses[bus].pending += frame.value.weight();
+        self.frames |= frame.value.weight() > 0;
         Ok(())
     }
 

@@ -15,7 +15,7 @@ use super::zhongheng::fault::LineFaults;
 use super::zhongheng::{BAUD, Master, Slave};
 use crate::capture::{BusFacts, CaptureError, Running, Source, Stop};
 use crate::frame::{Direction, Frame, SerialBytes, Unit};
-use crate::record::Inlet;
+use crate::queue::Inlet;
 
 /// Answers on `line` as `slave` until the other end is closed. `seen` gets what each read
 /// returned, before it is acted on.

@@ -8,7 +8,7 @@ use super::hmi_can::fault::BusFaults;
 use super::hmi_can::{BIT_RATE, HmiCan};
 use crate::capture::{BusFacts, Running, Source, Stop};
 use crate::frame::{Frame, Unit};
-use crate::record::Inlet;
+use crate::queue::Inlet;
 
 /// A day in a minute: what a demo shows unless told otherwise.
 pub const DEMO_TIME_SCALE: f64 = 1440.0;
@@ -97,7 +97,7 @@ pub(super) mod tests {
     use super::*;
     use crate::clock::{Clock, Reading, Timeline};
     use crate::frame::Stamped;
-    use crate::record::{Allowance, Queue, Tally};
+    use crate::queue::{Allowance, Queue, Tally};
     use crate::simulate::hmi_can::fault::FAULTS;
 
     /// Where the clock of these tests begins, ns since 1970.

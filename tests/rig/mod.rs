@@ -10,7 +10,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use bustape::capture::{Source, Stop};
 use bustape::clock::{Clock, Reading, Timeline};
 use bustape::frame::{Direction, Frame, Gap, Stamped, Unit};
-use bustape::record::{Allowance, Inlet, Item, Queue, Tally, Totals};
+use bustape::queue::{Allowance, Inlet, Item, Queue, Tally, Totals};
 use bustape::sys::pty::Pty;
 use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 

@@ -13,7 +13,7 @@ use super::identity::holders;
 use super::link::Link;
 use super::relay::Relay;
 use crate::frame::Level;
-use crate::record::Inlet;
+use crate::queue::Inlet;
 use crate::sys::opens::Opens;
 use crate::sys::pty::Pty;
 use crate::sys::wait::register;

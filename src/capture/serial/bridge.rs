@@ -22,7 +22,7 @@ use super::settings::{FlowControl, SerialSettings};
 use super::supervise::Outage;
 use crate::capture::{BusFacts, CaptureError, Running, Source, Stop};
 use crate::frame::{Direction, Frame, Level, SerialBytes, Unit};
-use crate::record::Inlet;
+use crate::queue::Inlet;
 use crate::sys::opens::Opens;
 use crate::sys::pty::Pty;
 

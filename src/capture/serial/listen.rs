@@ -18,7 +18,7 @@ use super::settings::SerialSettings;
 use super::supervise::Outage;
 use crate::capture::{BusFacts, CaptureError, Running, Source, Stop};
 use crate::frame::{Direction, Unit};
-use crate::record::Inlet;
+use crate::queue::Inlet;
 
 /// One or two listening ports that make one bus.
 pub struct Listen {

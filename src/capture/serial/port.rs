@@ -10,7 +10,7 @@ use super::marks::Unmarker;
 use super::open::{Opened, PortSpec, Use};
 use super::settings::Parity;
 use crate::frame::{Direction, Frame, GapReason, SerialBytes, Timestamp};
-use crate::record::Inlet;
+use crate::queue::Inlet;
 use crate::sys::tty::{Counts, Tty};
 use crate::sys::wait::register;
 

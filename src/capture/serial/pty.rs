@@ -10,7 +10,7 @@ use super::link::Link;
 use super::port::READ_BYTES;
 use crate::capture::{BusFacts, CaptureError, Running, Source, Stop};
 use crate::frame::{Direction, Frame, SerialBytes, Unit};
-use crate::record::Inlet;
+use crate::queue::Inlet;
 use crate::sys::pty::Pty;
 use crate::sys::wait::register;
 

@@ -8,7 +8,7 @@ use tokio::time::{Instant, sleep};
 
 use crate::capture::{CaptureError, Stop};
 use crate::frame::{GapReason, Level, Timestamp};
-use crate::record::Inlet;
+use crate::queue::Inlet;
 
 /// How often to look for a device that is away. A look is one stat(2).
 const LOOK: Duration = Duration::from_millis(200);

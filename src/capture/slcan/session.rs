@@ -8,7 +8,7 @@ use super::lines::{Cut, Lines};
 use super::spacing::Spacing;
 use crate::capture::CaptureError;
 use crate::frame::{CanFrame, Frame, GapReason, Level, Stamped, Timestamp};
-use crate::record::Inlet;
+use crate::queue::Inlet;
 
 /// After so many questions for the status without an answer, no more are asked.
 const UNANSWERED: u32 = 3;

@@ -16,7 +16,7 @@ use crate::capture::serial::port::{Port, READ_BYTES};
 use crate::capture::serial::supervise::Outage;
 use crate::capture::{BusFacts, CaptureError, Running, Source, Stop};
 use crate::frame::{Direction, Level, Unit};
-use crate::record::Inlet;
+use crate::queue::Inlet;
 
 /// After closing the channel, how long the adapter may take for its last words.
 const LAST_WORDS: Duration = Duration::from_millis(100);

@@ -22,7 +22,7 @@ pub use settings::{CanFilter, CanSettings};
 
 use super::{BusFacts, Running, Source, Stop};
 use crate::frame::{Level, Unit};
-use crate::record::Inlet;
+use crate::queue::Inlet;
 use crate::sys::CanSocket;
 
 /// Every class of error frames: `CAN_ERR_MASK` of `linux/can.h`.

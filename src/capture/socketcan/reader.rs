@@ -4,7 +4,7 @@ use super::hardware::HardwareTime;
 use super::message::{Stamps, decode};
 use crate::clock::Stamper;
 use crate::frame::{CanFlags, Frame, GapReason, Level, Stamped, Timestamp};
-use crate::record::Inlet;
+use crate::queue::Inlet;
 use crate::sys::RawMessage;
 
 /// Puts what is read from one interface into the recording.

@@ -13,7 +13,7 @@ use super::reader::Reader;
 use super::{CanOptions, CanSettings, SocketCan, interfaces, open};
 use crate::capture::{CaptureError, Stop};
 use crate::frame::{Level, Timestamp};
-use crate::record::Inlet;
+use crate::queue::Inlet;
 use crate::sys::link::{self, Link, LinkWatch};
 use crate::sys::{CanBatch, CanSocket, Waiting};
 

@@ -6,7 +6,6 @@ use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, Serialize
 use serde_json::{Value, json};
 
 use crate::frame::{CanFlags, CanFrame, Direction, Frame, SerialBytes, Stamped};
-use crate::record::{reason_name, unit_name};
 use crate::recording::reader::{Entry, Recording};
 use crate::recording::segment::Segment;
 use crate::text::{hex, printable_json, rfc3339};
@@ -90,8 +89,8 @@ fn frame_value(frame: &Frame) -> Value {
         Frame::Gap(gap) => json!({
             "type": "gap",
             "count": gap.count,
-            "unit": unit_name(gap.unit),
-            "reason": reason_name(gap.reason),
+            "unit": gap.unit.name(),
+            "reason": gap.reason.name(),
             "from": rfc3339(gap.from),
             "to": rfc3339(gap.to),
         }),

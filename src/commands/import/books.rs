@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use crate::capture::BusFacts;
 use crate::frame::{CanFlags, Frame, Unit};
-use crate::record::{RecordedBus, Tally, summary, weight};
+use crate::queue::Tally;
+use crate::record::{RecordedBus, summary};
 use crate::recording::definition::Facts;
 
 /// The books of an import.
@@ -58,8 +59,8 @@ impl Books {
                 tally.missed(gap.reason, gap.count);
             }
             frame => {
-                tally.received(weight(frame));
-                tally.written(weight(frame));
+                tally.received(frame.weight());
+                tally.written(frame.weight());
                 self.frames += 1;
             }
         }

@@ -9,7 +9,6 @@ use super::{Log, output};
 use crate::commands::Ended;
 use crate::import::Skipped;
 use crate::import::merge::{Merge, WINDOW};
-use crate::record::unit_name;
 use crate::text::{grouped, printable_json, size};
 
 /// How an import went.
@@ -86,7 +85,7 @@ impl Report {
     fn json(&self, skipped: u64) -> Value {
         let buses = self.books.list().map(|bus| {
             let totals = bus.tally.totals();
-            let unit = unit_name(bus.facts.unit.unwrap_or(crate::frame::Unit::Frames));
+            let unit = bus.facts.unit.unwrap_or(crate::frame::Unit::Frames).name();
             json!({ "name": bus.name, "unit": unit, "written": totals.written, "dropped": totals.lost() })
         });
         json!({

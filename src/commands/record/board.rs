@@ -17,8 +17,9 @@ use crate::cli::LONGEST_MARK;
 use crate::clock::Timeline;
 use crate::commands::mark::TAKEN;
 use crate::commands::running;
-use crate::frame::{Timestamp, Unit};
-use crate::record::{Progress, REASONS, State, Target, Totals, reason_name, unit_name};
+use crate::frame::{GapReason, Timestamp, Unit};
+use crate::queue::Totals;
+use crate::record::{Progress, State, Target};
 use crate::recording::disk::{Disk as _, RealDisk, folder_of};
 use crate::recording::event::Event;
 use crate::text::rfc3339;
@@ -114,13 +115,13 @@ impl Board {
                 let count = totals.received.saturating_sub(before.get(index)?.received);
                 Some(count as f64 * SECOND as f64 / now.since(*then).max(1) as f64)
             });
-            let dropped = REASONS.into_iter().filter(|reason| totals.lost_to(*reason) > 0);
+            let dropped = GapReason::ALL.into_iter().filter(|reason| totals.lost_to(*reason) > 0);
             let dropped: serde_json::Map<_, _> = dropped
-                .map(|reason| (reason_name(reason).to_owned(), json!(totals.lost_to(reason))))
+                .map(|reason| (reason.name().to_owned(), json!(totals.lost_to(reason))))
                 .collect();
             json!({
                 "bus": name,
-                "unit": unit_name(*unit),
+                "unit": unit.name(),
                 "rate": rate.unwrap_or(0.0),
                 "received": totals.received,
                 "written": totals.written,

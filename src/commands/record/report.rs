@@ -7,7 +7,8 @@ use serde_json::json;
 
 use super::Recorded;
 use crate::commands::{Ended, definitions, output};
-use crate::record::{REASONS, Totals, reason_name, unit_name};
+use crate::frame::GapReason;
+use crate::queue::Totals;
 use crate::text::{grouped, printable, printable_json, size};
 
 /// Prints the books, and says how it went.
@@ -41,12 +42,12 @@ fn report_text(out: &mut impl std::io::Write, recorded: &Recorded) -> Result<()>
             grouped(totals.received),
             grouped(totals.written),
             grouped(totals.lost()),
-            unit_name(*unit),
+            unit.name(),
         )?;
-        let reasons: Vec<String> = REASONS
+        let reasons: Vec<String> = GapReason::ALL
             .into_iter()
             .filter(|reason| totals.lost_to(*reason) > 0)
-            .map(|reason| format!("{} {}", reason_name(reason), grouped(totals.lost_to(reason))))
+            .map(|reason| format!("{} {}", reason.name(), grouped(totals.lost_to(reason))))
             .collect();
         if !reasons.is_empty() {
             write!(out, " ({})", reasons.join(", "))?;
@@ -70,13 +71,13 @@ fn report_text(out: &mut impl std::io::Write, recorded: &Recorded) -> Result<()>
 fn report_json(recorded: &Recorded) -> serde_json::Value {
     let buses =
         recorded.buses.iter().zip(&recorded.outcome.totals).map(|((name, unit), totals)| {
-            let dropped = REASONS.into_iter().filter(|reason| totals.lost_to(*reason) > 0);
+            let dropped = GapReason::ALL.into_iter().filter(|reason| totals.lost_to(*reason) > 0);
             let dropped: serde_json::Map<_, _> = dropped
-                .map(|reason| (reason_name(reason).to_owned(), json!(totals.lost_to(reason))))
+                .map(|reason| (reason.name().to_owned(), json!(totals.lost_to(reason))))
                 .collect();
             json!({
                 "bus": name,
-                "unit": unit_name(*unit),
+                "unit": unit.name(),
                 "received": totals.received,
                 "written": totals.written,
                 "dropped": totals.lost(),

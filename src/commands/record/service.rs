@@ -7,7 +7,8 @@ use std::os::linux::net::SocketAddrExt as _;
 use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::{Duration, Instant};
 
-use crate::record::{State, Totals};
+use crate::queue::Totals;
+use crate::record::State;
 use crate::text::{grouped, size};
 
 /// The service manager, where there is one.

@@ -13,7 +13,8 @@ use crate::clock::Timeline;
 use crate::commands::output;
 use crate::commands::status::StatusLine;
 use crate::frame::{Level, Notice, Unit};
-use crate::record::{Allowance, Outcome, Progress, Tally, Totals};
+use crate::queue::{Allowance, Tally, Totals};
+use crate::record::{Outcome, Progress};
 
 /// Waits beside the sources and tells how things go.
 pub struct Watch<'a> {

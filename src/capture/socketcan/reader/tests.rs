@@ -4,7 +4,7 @@ use std::time::Duration;
 use super::*;
 use crate::clock::{ManualClock, Reading, Timeline};
 use crate::frame::Unit;
-use crate::record::{Allowance, Queue, Tally};
+use crate::queue::{Allowance, Queue, Tally};
 
 const START: u64 = 1_700_000_000_000_000_000;
 const FOREVER: Timestamp = Timestamp(u64::MAX);
@@ -61,7 +61,7 @@ impl Bench {
         self.queue.poke();
         self.queue.take(&mut items, usize::MAX, Duration::ZERO);
         let offset = |time: Timestamp| time.nanos() - START;
-        let text = |item: crate::record::Item| match item.frame.value {
+        let text = |item: crate::queue::Item| match item.frame.value {
             Frame::Can(_) => Some(format!("f{}", offset(item.frame.time))),
             Frame::Gap(gap) => {
                 assert_eq!(item.frame.time, gap.to);

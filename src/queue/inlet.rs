@@ -3,9 +3,8 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-use super::queue::{BusIndex, Queue, weight};
-use super::tally::Tally;
 use super::wire::Wire;
+use super::{BusIndex, Queue, Tally};
 use crate::clock::Timeline;
 use crate::frame::{Frame, Gap, GapReason, Level, Notice, Stamped, Timestamp, Unit};
 
@@ -97,7 +96,7 @@ impl Inlet {
         frames.truncate(usize::try_from(granted).unwrap_or(usize::MAX));
         let Some(first) = frames.first().map(|f| f.time) else { return };
         let last = frames.last().map_or(first, |f| f.time);
-        let count: u64 = frames.iter().map(|f| weight(&f.value)).sum();
+        let count: u64 = frames.iter().map(|f| f.value.weight()).sum();
         self.tally.received(count);
         self.tally.bits(frames.iter().map(|frame| self.wire.bits(&frame.value)).sum());
         // Gaps travel in front of what follows them, or not at all yet.
@@ -173,7 +172,7 @@ impl Drop for Inlet {
 mod tests {
     use std::time::Duration;
 
-    use super::super::queue::Item;
+    use super::super::Item;
     use super::*;
     use crate::clock::{ManualClock, Reading};
     use crate::frame::{CanFlags, CanFrame};

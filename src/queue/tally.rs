@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
-use crate::frame::{GapReason, Unit};
+use crate::frame::GapReason;
 
 /// Counters of one bus. CAN counts frames, serial counts bytes.
 ///
@@ -12,22 +12,12 @@ use crate::frame::{GapReason, Unit};
 pub struct Tally {
     received: AtomicU64,
     written: AtomicU64,
-    dropped: [AtomicU64; REASONS.len()],
+    dropped: [AtomicU64; GapReason::ALL.len()],
     /// Gaps of which nobody knows how much they cost.
     outages: AtomicU64,
     /// Bits on the wire, for the bus load.
     bits: AtomicU64,
 }
-
-/// Every reason for which something can be counted as dropped, in the order of the counters.
-pub const REASONS: [GapReason; 6] = [
-    GapReason::KernelQueue,
-    GapReason::RecorderQueue,
-    GapReason::LinkDown,
-    GapReason::Overrun,
-    GapReason::Adapter,
-    GapReason::Disk,
-];
 
 /// A [`Tally`] at one moment.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -36,8 +26,8 @@ pub struct Totals {
     pub received: u64,
     /// What is in the file.
     pub written: u64,
-    /// What is not, by reason, in the order of [`REASONS`].
-    pub dropped: [u64; REASONS.len()],
+    /// What is not, by reason, in the order of [`GapReason::ALL`].
+    pub dropped: [u64; GapReason::ALL.len()],
     /// Gaps of unknown size: the link was away.
     pub outages: u64,
     /// Bits on the wire so far.
@@ -107,33 +97,7 @@ impl Totals {
     }
 }
 
-/// The unit in words.
-pub fn unit_name(unit: Unit) -> &'static str {
-    match unit {
-        Unit::Frames => "frames",
-        Unit::Bytes => "bytes",
-    }
-}
-
+/// The place of a reason's counter: that of its declaration, which is that in [`GapReason::ALL`].
 fn index(reason: GapReason) -> usize {
-    match reason {
-        GapReason::KernelQueue => 0,
-        GapReason::RecorderQueue => 1,
-        GapReason::LinkDown => 2,
-        GapReason::Overrun => 3,
-        GapReason::Adapter => 4,
-        GapReason::Disk => 5,
-    }
-}
-
-/// The reason as it is called in metadata and tables.
-pub fn reason_name(reason: GapReason) -> &'static str {
-    match reason {
-        GapReason::KernelQueue => "kernel_queue",
-        GapReason::RecorderQueue => "recorder_queue",
-        GapReason::LinkDown => "link_down",
-        GapReason::Overrun => "overrun",
-        GapReason::Adapter => "adapter",
-        GapReason::Disk => "disk",
-    }
+    reason as usize
 }

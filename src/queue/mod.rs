@@ -1,10 +1,18 @@
 //! Between capture and the writer: a queue bounded by bytes that never makes capture wait.
 //!
-//! What does not fit is the inlet's to count ([`super::inlet`]).
+//! Each bus pushes through its [`Inlet`]; what does not fit is counted there. Each bus has its
+//! [`Tally`], and at the end of every recording received = written + dropped.
+
+mod inlet;
+mod tally;
+mod wire;
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
 use std::time::Duration;
+
+pub use inlet::{Allowance, Inlet};
+pub use tally::{Tally, Totals};
 
 use crate::frame::{Frame, Stamped};
 
@@ -24,7 +32,7 @@ pub struct Item {
     pub frame: Stamped<Frame>,
 }
 
-/// The queue. Capture pushes through [`Inlet`](super::Inlet)s, the writer takes.
+/// The queue. Capture pushes through [`Inlet`]s, the writer takes.
 pub struct Queue {
     state: Mutex<State>,
     wake: Condvar,
@@ -85,12 +93,7 @@ impl Queue {
 
     /// Takes all of `frames` or nothing. With `force`, also beyond the limit: for the few small
     /// things that must not be lost, such as the last gaps and what a person should know.
-    pub(super) fn push(
-        &self,
-        bus: BusIndex,
-        frames: &mut Vec<Stamped<Frame>>,
-        force: bool,
-    ) -> bool {
+    fn push(&self, bus: BusIndex, frames: &mut Vec<Stamped<Frame>>, force: bool) -> bool {
         let bytes: usize = frames.iter().map(|f| size_of::<Item>() + heap(&f.value)).sum();
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if !force && state.bytes + bytes > self.limit {
@@ -116,14 +119,5 @@ fn heap(frame: &Frame) -> usize {
         Frame::Can(_) | Frame::Gap(_) => 0,
         Frame::Serial(bytes) => bytes.data.capacity() + bytes.errors.capacity() * 8,
         Frame::Notice(notice) => notice.text.capacity(),
-    }
-}
-
-/// What a frame counts for in its bus's unit.
-pub fn weight(frame: &Frame) -> u64 {
-    match frame {
-        Frame::Can(_) => 1,
-        Frame::Serial(bytes) => bytes.data.len() as u64,
-        Frame::Gap(_) | Frame::Notice(_) => 0,
     }
 }

@@ -133,7 +133,8 @@ impl Recording {
         let mut kinds = Vec::new();
         for (index, segment) in self.segments.iter().enumerate() {
             let of_segment = kinds_of(segment);
-            let ids = (0u16..).zip(&of_segment).filter(|(_, kind)| !matches!(kind, Kind::Unwanted));
+            let ids =
+                (0..=u16::MAX).zip(&of_segment).filter(|(_, kind)| !matches!(kind, Kind::Unwanted));
             let mask = ids.fold(0, |mask, (id, _)| mask | channel_bit(id));
             let widen = batch_nanos(segment);
             let matches = |chunk: &&ChunkRef| {

@@ -169,9 +169,9 @@ impl Segment {
             };
         }
         complete &= has_statistics;
-        // Each chunk once, however often an index names it.
+        // An index that names a chunk twice is wrong, and may name it in the place of another.
         let mut seen = BTreeSet::new();
-        self.chunks.retain(|chunk| seen.insert(chunk.offset));
+        complete &= self.chunks.iter().all(|chunk| seen.insert(chunk.offset));
         if !complete {
             self.forget();
         }

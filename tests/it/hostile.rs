@@ -272,3 +272,107 @@ fn batches_of_millions_of_frames_stop_at_the_limit() {
         assert!(said.contains("more than 1048576 frames"), "{said}");
     }
 }
+
+/// A record of an MCAP file.
+fn record(opcode: u8, body: &[u8]) -> Vec<u8> {
+    let mut bytes = vec![opcode];
+    bytes.extend_from_slice(&(body.len() as u64).to_le_bytes());
+    bytes.extend_from_slice(body);
+    bytes
+}
+
+/// Where each record of a kind begins in a summary, and where the footer does.
+fn in_summary(bytes: &[u8], wanted: u8) -> (Vec<usize>, usize) {
+    let footer = bytes.len() - 8 - 29;
+    let mut at = u64::from_le_bytes(bytes[footer + 9..footer + 17].try_into().unwrap()) as usize;
+    let mut found = Vec::new();
+    while at < footer {
+        if bytes[at] == wanted {
+            found.push(at);
+        }
+        at += 9 + u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap()) as usize;
+    }
+    (found, footer)
+}
+
+#[test]
+fn an_index_that_lies_never_leads_to_other_data_in_silence() {
+    let folder = tempfile::tempdir().unwrap();
+    for layout in [Layout::Frame, Layout::Batch] {
+        let (path, bytes) = sound(folder.path(), layout);
+        let expected = bustape(args(&[&"cat", &"-N", &path])).expect(0).out;
+        let (indexes, footer) = in_summary(&bytes, 8);
+        assert!(indexes.len() > 2, "{} chunks", indexes.len());
+        let (start, length) = (9 + 16, 9 + 24);
+        let word = |at: usize| u64::from_le_bytes(bytes[at..at + 8].try_into().unwrap());
+        // Somewhere else, behind the end, in another chunk, over another one, of no size.
+        let other = word(indexes[1] + start);
+        let lies =
+            [(start, 8), (start, u64::MAX), (start, other), (start, word(indexes[0] + start) + 1)];
+        let sizes = [(length, 0), (length, 1 << 40), (length, word(indexes[0] + length) * 2)];
+        let lies =
+            indexes.iter().flat_map(|at| lies.iter().chain(&sizes).map(move |lie| (*at, *lie)));
+        several(lies.enumerate().collect(), |(number, (at, (field, value)))| {
+            let mut bytes = bytes.clone();
+            bytes[at + field..at + field + 8].copy_from_slice(&value.to_le_bytes());
+            // The checksum of the summary vouches for the lie.
+            let summary =
+                u64::from_le_bytes(bytes[footer + 9..footer + 17].try_into().unwrap()) as usize;
+            let crc = crc32fast::hash(&bytes[summary..footer + 25]);
+            bytes[footer + 25..footer + 29].copy_from_slice(&crc.to_le_bytes());
+            let file = folder.path().join(format!("{}-{number}.mcap", layout.name()));
+            std::fs::write(&file, &bytes).unwrap();
+            survives(2, &file, "an index that lies");
+            let ran = bustape(args(&[&"cat", &"-N", &file]));
+            let same = ran.out == expected;
+            assert!(same || ran.status.code() != Some(0), "{field} = {value}: {}", ran.err);
+        });
+    }
+}
+
+#[test]
+fn more_definitions_than_there_can_be_and_two_of_one_number_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = |text: &str| [&(text.len() as u32).to_le_bytes(), text.as_bytes()].concat();
+    let schema = |id: u16, name: &str| {
+        let body = [&id.to_le_bytes()[..], &text(name), &text("protobuf"), &[0; 4]].concat();
+        record(3, &body)
+    };
+    let channel = |id: u16, schema: u16, topic: &str| {
+        let head = [id.to_le_bytes(), schema.to_le_bytes()].concat();
+        record(4, &[&head[..], &text(topic), &text("protobuf"), &[0; 4]].concat())
+    };
+    let message = |channel: u16| {
+        let mut body = channel.to_le_bytes().to_vec();
+        body.extend_from_slice(&[0; 4]);
+        body.extend_from_slice(&[START.to_le_bytes(), START.to_le_bytes()].concat());
+        record(5, &body)
+    };
+    let all: Vec<u8> = (0..=u16::MAX).flat_map(|id| channel(id, 1, &format!("/{id}"))).collect();
+    let cases = [
+        ("all", [schema(1, "a.B"), all, message(7)].concat()),
+        ("schema0", [schema(0, "a.B"), channel(1, 0, "/a"), message(1)].concat()),
+        (
+            "twice",
+            [schema(1, "a.B"), channel(1, 1, "/a"), channel(1, 1, "/b"), message(1)].concat(),
+        ),
+        ("schemas", [schema(1, "a.B"), schema(1, "a.C"), channel(1, 1, "/a"), message(1)].concat()),
+        ("none", [channel(1, 9, "/a"), message(1), message(2)].concat()),
+    ];
+    for (name, records) in cases {
+        let mut chunk = Vec::new();
+        for number in [START, START, records.len() as u64] {
+            chunk.extend_from_slice(&number.to_le_bytes());
+        }
+        chunk.extend_from_slice(&[0; 4]);
+        chunk.extend_from_slice(&text(""));
+        chunk.extend_from_slice(&(records.len() as u64).to_le_bytes());
+        chunk.extend_from_slice(&records);
+        let head = record(1, &[text(""), text("somebody")].concat());
+        let file = folder.path().join(format!("{name}.mcap"));
+        std::fs::write(&file, [b"\x89MCAP0\r\n", &head[..], &record(6, &chunk)].concat()).unwrap();
+        for which in 0..6 {
+            survives(which, &file, name);
+        }
+    }
+}

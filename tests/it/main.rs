@@ -41,6 +41,7 @@ mod kill;
 mod logs;
 mod mark;
 mod mf4;
+mod names;
 mod record;
 mod recover;
 mod replay;

@@ -217,7 +217,11 @@ fn failed(job: &Job) -> Found {
     });
     for (how, (name, _)) in FAILURES.iter().enumerate() {
         let of = |code| exits.iter().filter(|exit| **exit == (how, code)).count();
-        let text = format!("{} with exit status 1, {} with 0", of(1), of(0));
+        let text = format!(
+            "{} with exit status 1, {} with 0 (nothing lost, or not reached)",
+            of(1),
+            of(0)
+        );
         found.number(&name.replace("when=N", "Nth write").replace(':', ", "), text);
     }
     std::fs::remove_file(job.folder.join("short_write.so")).ok();
@@ -240,7 +244,7 @@ fn command_with(mut command: Command, more: &[&Path]) -> Command {
 fn fails(run: &Run<'_>, shared: &Path, (how, costs): (&str, bool), write: u64) -> i32 {
     let path = run.folder.join("a.mcap");
     let parts = ["a.mcap.part", "a_0002.mcap.part"].map(|name| run.folder.join(name));
-    let duration = format!("{}ms", 400 + 25 * write);
+    let duration = format!("{}ms", 600 + 45 * write);
     let options = args(&[
         &"record",
         &"sim:hmi-can",
@@ -271,6 +275,11 @@ fn fails(run: &Run<'_>, shared: &Path, (how, costs): (&str, bool), write: u64) -
         assert_eq!(code, 0, "{}", ran.err);
         let file = mcap::finished(&path);
         books_of(&ran, &[file]);
+        return code;
+    }
+    if code == 0 {
+        // A machine so busy that there were not so many writes.
+        books_of(&ran, &[mcap::finished(&path)]);
         return code;
     }
     assert_eq!(code, 1, "write {write}: {}", ran.err);

@@ -1,7 +1,6 @@
 //! `--decode BUS=PROTOCOL`: which bus is decoded with what.
 
 use std::path::Path;
-use std::sync::Arc;
 
 use anyhow::{Result, bail};
 use serde_json::json;

@@ -158,7 +158,9 @@ fn long(word: &[u8], said: u32, there: usize) -> Result<(usize, CanFlags, u8), S
         Some(length) if FD_LENGTHS.contains(&u8::try_from(length).unwrap_or(u8::MAX)) => {
             Ok((length, CanFlags::FD, 0))
         }
-        _ if said <= 15 && there == 8 => Ok((8, CanFlags::default(), said as u8)),
+        _ if said <= 15 && there == 8 => {
+            Ok((8, CanFlags::default(), u8::try_from(said).unwrap_or(15)))
+        }
         _ => Err(format!("its {there} bytes are not as many as {} says", shown(word))),
     }
 }

@@ -52,14 +52,6 @@ impl Field {
 
     /// Its value as a whole number without sign; 0 if the record ends before.
     pub fn number(&self, record: &[u8]) -> u64 {
-        // Nearly all fields are like this, and have something behind them.
-        let eight = record.get(self.byte..).and_then(|rest| rest.first_chunk());
-        if let (Encoding::Intel | Encoding::RealIntel, Some(eight)) = (self.encoding, eight)
-            && (1..=64).contains(&self.bits)
-            && self.bit + self.bits <= 64
-        {
-            return u64::from_le_bytes(*eight) >> self.bit & (u64::MAX >> (64 - self.bits));
-        }
         let bytes = self.bytes(record);
         if bytes.len() > 9 {
             return 0;

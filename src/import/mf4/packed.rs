@@ -29,7 +29,8 @@ pub(super) struct Packed {
     /// Bytes that it holds.
     pub length: usize,
     at: u64,
-    packed: u64,
+    /// Bytes it takes in the file.
+    stored: u64,
 }
 
 /// How much of a block is there.
@@ -52,7 +53,7 @@ impl Packed {
                 columns: u32_at(&fields, 4)? as usize,
                 length: usize::try_from(u64_at(&fields, 8)?).unwrap_or(usize::MAX),
                 at: head.data_at().saturating_add(FIELDS as u64),
-                packed: u64_at(&fields, 16)?,
+                stored: u64_at(&fields, 16)?,
             })
         })();
         let found = found
@@ -72,9 +73,9 @@ impl Packed {
         into: &mut Vec<u8>,
     ) -> Result<Unpacked, BlockError> {
         let mark = into.len();
-        let end = self.at.saturating_add(self.packed);
+        let end = self.at.saturating_add(self.stored);
         let cut = end > file.size;
-        let bytes = Bytes { file, at: self.at, end, bytes: Vec::with_capacity(STEP), used: 0 };
+        let bytes = Bytes { file, at: self.at, end, piece: Vec::with_capacity(STEP), used: 0 };
         let mut source: Box<dyn Read + '_> = match self.method {
             0 | 1 => Box::new(ZlibDecoder::new(bytes)),
             2 | 3 => {
@@ -118,19 +119,19 @@ struct Bytes<'a, R> {
     file: &'a mut File<R>,
     at: u64,
     end: u64,
-    bytes: Vec<u8>,
+    piece: Vec<u8>,
     used: usize,
 }
 
 impl<R: Read + Seek> BufRead for Bytes<'_, R> {
     fn fill_buf(&mut self) -> io::Result<&[u8]> {
-        if self.used == self.bytes.len() {
+        if self.used == self.piece.len() {
             self.used = 0;
-            self.bytes.clear();
+            self.piece.clear();
             let step = usize::try_from(self.end.saturating_sub(self.at)).unwrap_or(STEP).min(STEP);
-            self.at += self.file.read(self.at, step, &mut self.bytes)? as u64;
+            self.at += self.file.read(self.at, step, &mut self.piece)? as u64;
         }
-        Ok(&self.bytes[self.used..])
+        Ok(&self.piece[self.used..])
     }
 
     fn consume(&mut self, count: usize) {

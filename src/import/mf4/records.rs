@@ -48,8 +48,6 @@ pub(super) struct Records {
     /// Times apart from the records, for each group that has them so.
     clocks: Vec<Option<Clock>>,
     pub ready: VecDeque<Told>,
-    /// The record that is looked at.
-    scratch: Vec<u8>,
     ended: bool,
 }
 
@@ -97,7 +95,6 @@ impl Records {
             clocks,
             groups: group.groups,
             ready: VecDeque::new(),
-            scratch: Vec::new(),
             ended: false,
         }
     }
@@ -133,7 +130,9 @@ impl Records {
             return Ok(false);
         }
         if self.data.want(size, file, skipped)? {
-            self.copied(0, 0, size, file, skipped)?;
+            let record = self.data.bytes()[..size].to_vec();
+            self.data.take(size);
+            self.record(0, record, file, skipped)?;
             return Ok(true);
         }
         if self.data.pass_hole() == 0 {
@@ -184,44 +183,26 @@ impl Records {
         if !self.data.want(start + size, file, skipped)? {
             return Ok(false);
         }
-        if !self.groups[index].variable {
-            self.copied(index, start, size, file, skipped)?;
-            return Ok(true);
-        }
-        let group = self.groups[index].at;
-        self.counts[index] += 1;
-        if let Some(mixed) = self.mixed.iter_mut().find(|mixed| mixed.group == group) {
-            mixed.add_value(&self.data.bytes()[start..start + size]);
-        }
+        let record = self.data.bytes()[start..start + size].to_vec();
         self.data.take(start + size);
-        self.pair(false, skipped);
+        if self.groups[index].variable {
+            let group = self.groups[index].at;
+            self.counts[index] += 1;
+            if let Some(mixed) = self.mixed.iter_mut().find(|mixed| mixed.group == group) {
+                mixed.add_value(&record);
+                self.pair(false, skipped);
+            }
+        } else {
+            self.record(index, record, file, skipped)?;
+        }
         Ok(true)
-    }
-
-    /// Takes the record of `size` bytes that is `start` bytes ahead in the data, which go on behind it.
-    fn copied<R: Read + Seek>(
-        &mut self,
-        index: usize,
-        start: usize,
-        size: usize,
-        file: &mut File<R>,
-        skipped: &mut Skipped,
-    ) -> Result<(), BlockError> {
-        // Out of its place for as long as it is looked at.
-        let mut record = std::mem::take(&mut self.scratch);
-        record.clear();
-        record.extend_from_slice(&self.data.bytes()[start..start + size]);
-        self.data.take(start + size);
-        let taken = self.record(index, &record, file, skipped);
-        self.scratch = record;
-        taken
     }
 
     /// Takes a record whose payload is in it, or in signal data; others wait for theirs.
     fn record<R: Read + Seek>(
         &mut self,
         index: usize,
-        record: &[u8],
+        record: Vec<u8>,
         file: &mut File<R>,
         skipped: &mut Skipped,
     ) -> Result<(), BlockError> {
@@ -229,7 +210,7 @@ impl Records {
         self.counts[index] += 1;
         let time = match &mut self.clocks[index] {
             Some(clock) => clock.nanos(number, file, skipped)?,
-            None => Some(self.groups[index].time.nanos(record, number)),
+            None => Some(self.groups[index].time.nanos(&record, number)),
         };
         let Some(event) = &self.groups[index].event else { return Ok(()) };
         let Some(time) = time else {
@@ -239,19 +220,22 @@ impl Records {
         };
         let place = Place { group: index, number, time };
         match event.payload {
-            Payload::None => self.take(place, record, &[], skipped),
-            Payload::Inline(field) => self.take(place, record, field.bytes(record), skipped),
+            Payload::None => self.take(place, &record, &[], skipped),
+            Payload::Inline(field) => {
+                let data = field.bytes(&record).to_vec();
+                self.take(place, &record, &data, skipped);
+            }
             Payload::Signal(field, _) => {
-                let offset = field.number(record);
+                let offset = field.number(&record);
                 let value = match &mut self.signals[index] {
                     Some(signal) => signal.value(offset, file, skipped)?.map(<[u8]>::to_vec),
                     None => None,
                 };
-                self.with_value(place, record, value, skipped);
+                self.with_value(place, &record, value, skipped);
             }
             Payload::Group(field, at) => {
-                let offset = field.number(record);
-                let waiting = Waiting { place, offset, record: record.to_vec() };
+                let offset = field.number(&record);
+                let waiting = Waiting { place, offset, record };
                 if let Some(mixed) = self.mixed.iter_mut().find(|mixed| mixed.group == at) {
                     mixed.add_record(waiting);
                 }

@@ -19,7 +19,7 @@ use crate::decode::definition::CanDefinition;
 use crate::decode::protocol::CanProtocol;
 use crate::decode::rules::Rules;
 use crate::protocol::{BUILT_IN, Protocol};
-use crate::text::{grouped, printable};
+use crate::text::{grouped, printable, printable_json};
 
 /// Runs the command.
 pub fn run(args: &ProtocolsArgs) -> Result<Ended> {
@@ -205,7 +205,7 @@ fn check(args: &CheckArgs) -> Result<Ended> {
     let loaded = load(&protocol)?;
     let mut out = output::stdout();
     if args.json {
-        writeln!(out, "{}", summary_json(&protocol.name(), &loaded))?;
+        writeln!(out, "{}", printable_json(&summary_json(&protocol.name(), &loaded).to_string()))?;
     } else {
         print(&mut out, &protocol.name(), &loaded)?;
     }
@@ -218,7 +218,8 @@ fn check_serial(name: &str, protocol: &Protocol, as_json: bool) -> Result<Ended>
     let commands = protocol.commands.len();
     let mut out = output::stdout();
     if as_json {
-        writeln!(out, "{}", json!({ "protocol": name, "commands": commands }))?;
+        let report = json!({ "protocol": name, "commands": commands });
+        writeln!(out, "{}", printable_json(&report.to_string()))?;
     } else {
         writeln!(out, "{}: {} commands; no faults", printable(name), grouped(commands as u64))?;
     }

@@ -137,7 +137,7 @@ fn every_new_name_is_synced_with_its_folder_and_a_new_folder_with_the_one_above(
     command.args(["--split-time", "300ms", "--duration", "2s"]);
     spawn(command).wait().expect(0);
     let log = std::fs::read_to_string(log).unwrap();
-    let synced = |path: &Path| format!("<{}>)", path.canonicalize().unwrap().display());
+    let synced = |path: &Path| format!("<{}>", path.canonicalize().unwrap().display());
     let (folder_synced, above_synced) = (synced(&folder), synced(above.path()));
     let (mut due, mut names, mut above_done) = (false, 0, false);
     for line in log.lines() {

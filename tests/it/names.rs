@@ -157,3 +157,27 @@ fn no_name_in_a_file_drives_a_terminal() {
         }
     }
 }
+
+#[test]
+fn no_label_of_a_database_drives_a_terminal_as_json_either() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.dbc");
+    let text = "VERSION \"\"\nBU_: N\nBO_ 291 M: 8 N\n SG_ S : 0|8@1+ (1,0) [0|255] \"u\u{9b}\" N\n\
+                VAL_ 291 S 222 \"on\u{8d}\u{9b}2J\u{7f}\" ;\nSIG_VALTYPE_ 9\u{85} S : 7;\n";
+    std::fs::write(&file, text).unwrap();
+    let decode = file.display().to_string();
+    for line in [
+        args(&[&"explain", &"--json", &"--decode", &decode, &"123#DE"]),
+        args(&[&"explain", &"--decode", &decode, &"123#DE"]),
+        args(&[&"protocols", &"check", &"--json", &decode]),
+        args(&[&"protocols", &"check", &decode]),
+        args(&[&"protocols", &"show", &decode]),
+    ] {
+        let ran = bustape(&line);
+        let said = [ran.out.as_str(), ran.err.as_str()].concat();
+        let control = said.chars().find(|c| c.is_control() && *c != '\n');
+        assert_eq!(control, None, "{line:?}: {said}");
+    }
+    let json = bustape(args(&[&"explain", &"--json", &"--decode", &decode, &"123#DE"])).json();
+    assert_eq!(json["labels"]["S"], "on\u{8d}\u{9b}2J\u{7f}", "it says the same as before");
+}

@@ -3,10 +3,11 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering::Relaxed};
 
+use super::feed::{Until, talk};
 use super::item::{Found, Item, Job};
-use super::kills::{files, has_summary, start};
+use super::kills::{files, has_summary, start, terminal};
 use super::runs::{Run, runs};
 use crate::disk::books;
 use crate::record::{from_the_beginning, in_order};
@@ -244,10 +245,14 @@ fn command_with(mut command: Command, more: &[&Path]) -> Command {
 fn fails(run: &Run<'_>, shared: &Path, (how, costs): (&str, bool), write: u64) -> i32 {
     let path = run.folder.join("a.mcap");
     let parts = ["a.mcap.part", "a_0002.mcap.part"].map(|name| run.folder.join(name));
-    let duration = format!("{}ms", 600 + 45 * write);
+    // A line on which there is always something, so that there are as many writes.
+    let tty = run.folder.join("tty");
+    let line = format!("line=pty:{}", tty.display());
+    let duration = format!("{}ms", 600 + 30 * write);
     let options = args(&[
         &"record",
         &"sim:hmi-can",
+        &line,
         &"sim:zhongheng-09",
         &"-o",
         &path,
@@ -259,16 +264,24 @@ fn fails(run: &Run<'_>, shared: &Path, (how, costs): (&str, bool), write: u64) -
         &"--duration",
         &duration,
     ]);
-    let ran = if how == "short" {
-        let mut command = Command::new(run.bustape);
-        command.args(options).env("LD_PRELOAD", shared.join("short_write.so"));
-        command.env("SHORT_WRITE", write.to_string());
-        spawn(command).wait()
-    } else {
-        let inject = format!("inject=write:{}", how.replace("when=N", &format!("when={write}")));
-        let paths: Vec<&Path> = parts.iter().map(PathBuf::as_path).collect();
-        injected(run.bustape, &["trace=write", &inject], &paths, options).wait()
-    };
+    let stop = AtomicBool::new(false);
+    let ran = std::thread::scope(|scope| {
+        let _until = Until(&stop);
+        scope.spawn(|| terminal(&tty, &stop).map(|mut line| talk(&mut line, 500, &stop)));
+        let ran = if how == "short" {
+            let mut command = Command::new(run.bustape);
+            command.args(options).env("LD_PRELOAD", shared.join("short_write.so"));
+            command.env("SHORT_WRITE", write.to_string());
+            spawn(command).wait()
+        } else {
+            let inject =
+                format!("inject=write:{}", how.replace("when=N", &format!("when={write}")));
+            let paths: Vec<&Path> = parts.iter().map(PathBuf::as_path).collect();
+            injected(run.bustape, &["trace=write", &inject], &paths, options).wait()
+        };
+        stop.store(true, Relaxed);
+        ran
+    });
     assert!(!ran.err.contains("panicked"), "{}", ran.err);
     let code = ran.status.code().expect("it ended by itself");
     if !costs {
@@ -303,6 +316,9 @@ fn fails(run: &Run<'_>, shared: &Path, (how, costs): (&str, bool), write: u64) -
 fn books_of(ran: &Ran, files: &[Mcap]) {
     books(ran, files, "hmi-can");
     books(ran, files, "zhongheng-09");
+    if ran.out.contains("\"line\"") {
+        books(ran, files, "line");
+    }
     from_the_beginning(&files[0], &messages::cans(&files[0], "hmi-can"));
 }
 
@@ -311,7 +327,7 @@ fn syncs(job: &Job) -> Found {
     let (mut found, told) = runs(job, |run| {
         let sync = run.number + 1;
         let (path, part) = (run.folder.join("a.mcap"), run.folder.join("a.mcap.part"));
-        let duration = format!("{}ms", 600 + 60 * sync);
+        let duration = format!("{}ms", 600 + 150 * sync);
         let options = args(&[
             &"record",
             &"sim:hmi-can",

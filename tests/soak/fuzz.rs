@@ -63,7 +63,8 @@ pub const RECORDINGS: Item = Item {
 pub const CUTS: Item = Item {
     name: "cuts",
     promise: "recordings cut off at every byte, read by the same commands: as with edited ones",
-    count: u64::MAX,
+    // More than there are bytes in them.
+    count: 500_000,
     unit: "files",
     side_by_side: 2,
     run: |job| fuzz(job, Kind::Cuts),

@@ -17,6 +17,8 @@ promised and which tests hold it. Each item names its own day, program and seed,
 Where fewer runs were done than are promised, the first column says so.
 ";
 
+const REMARKS: &str = "\n## Remarks\n";
+
 /// Writes the report.
 pub fn write(items: &[Item]) {
     let mut text = HEAD.to_owned();
@@ -42,6 +44,11 @@ pub fn write(items: &[Item]) {
     }
     text.push_str(&details);
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/guarantees-report.md");
+    // What a person has to say about these runs stays.
+    let before = std::fs::read_to_string(&path).unwrap_or_default();
+    if let Some(at) = before.find(REMARKS) {
+        text.push_str(&before[at..]);
+    }
     std::fs::write(&path, text).expect("the report can be written");
     println!("\n{}", path.display());
 }

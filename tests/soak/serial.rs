@@ -129,16 +129,18 @@ fn one(mut run: Run<'_>) -> Vec<Cycle> {
             said.extend_from_slice(&bytes);
             std::thread::sleep(Duration::from_millis(run.random.below(20) as u64));
         }
+        let heard = || {
+            let heard = part.exists().then(|| messages::streams(&mcap::cut(&part), "line").0)?;
+            Some(heard.len())
+        };
         if cycle == EACH {
+            until("everything to be heard", || (heard()? == said.len()).then_some(()));
             break;
         }
         // Half a packet, which has been heard when the line is cut.
         device.say(b"half");
         said.extend_from_slice(b"half");
-        until("everything to be heard", || {
-            let heard = part.exists().then(|| messages::streams(&mcap::cut(&part), "line").0)?;
-            (heard.len() == said.len()).then_some(())
-        });
+        until("everything to be heard", || (heard()? == said.len()).then_some(()));
         std::fs::remove_file(&link).unwrap();
         drop(device);
         unplugged.push(wall());

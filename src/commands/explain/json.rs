@@ -5,7 +5,7 @@ use serde_json::{Map, Value as Json, json};
 use super::can::{Explained, hex};
 use crate::decode::can::{Check, Value};
 use crate::frame::{CanFlags, CanFrame};
-use crate::text::rfc3339;
+use crate::text::{printable_json, rfc3339};
 
 /// One line.
 pub fn text(explained: &Explained<'_>) -> String {
@@ -47,7 +47,7 @@ pub fn text(explained: &Explained<'_>) -> String {
         value["source"] = json!(id.source);
         value["destination"] = json!(id.destination);
     }
-    format!("{value}\n")
+    format!("{}\n", printable_json(&value.to_string()))
 }
 
 fn number(value: Value) -> Json {

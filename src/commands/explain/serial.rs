@@ -12,7 +12,7 @@ use crate::frame::{Direction, Timestamp};
 use crate::protocol::message::Message;
 use crate::protocol::payload::{Field, Value};
 use crate::protocol::{BUILT_IN, Decoder, Item, ItemKind, Protocol, Settings, json};
-use crate::text::printable;
+use crate::text::{printable, printable_json};
 
 /// A protocol, and what it was made of.
 pub struct SerialFiles {
@@ -99,7 +99,7 @@ pub fn explain(
 fn print(item: &Item, json: bool, out: &mut impl Write) -> Result<()> {
     let object = json::item(item);
     if json {
-        writeln!(out, "{object}")?;
+        writeln!(out, "{}", printable_json(&object.to_string()))?;
         return Ok(());
     }
     writeln!(out, "{}", printable(&sentence(&object)))?;

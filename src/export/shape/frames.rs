@@ -57,14 +57,12 @@ impl Frames {
 
     /// Writes a frame, or the bytes of one read of a serial line; false for what is neither.
     pub fn write(&mut self, bus: &str, time: Timestamp, frame: &Frame) -> io::Result<bool> {
-        let known = match self.buses.iter().find(|(name, _)| name == bus) {
-            Some((_, known)) => *known,
-            None => {
-                let known = self.out.know(bus);
-                self.buses.push((bus.to_owned(), known));
-                known
-            }
-        };
+        let known = self.buses.iter().find(|(name, _)| name == bus).map(|(_, known)| *known);
+        let known = known.unwrap_or_else(|| {
+            let known = self.out.know(bus);
+            self.buses.push((bus.to_owned(), known));
+            known
+        });
         let flags = |at: u8| self.flags.get(usize::from(at)).copied();
         let row = &mut self.row;
         row.clear(0);

@@ -176,7 +176,11 @@ impl Capture {
                 ),
                 None => format!("{name} is gone: recording goes on when it is back"),
             };
-            self.down(text);
+            self.reader.link_down(self.known);
+            // Also where it was seen to be down before: then this is news all the same.
+            if self.index != NOWHERE {
+                self.reader.inlet.notice(Level::Warning, text);
+            }
             return self.let_go();
         };
         let state = link.state.and_then(bus_state);

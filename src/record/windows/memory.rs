@@ -123,7 +123,9 @@ impl Memory {
 
     /// A place in front of everything from `time` on.
     pub fn place_of(&self, time: Timestamp) -> Place {
-        let older = self.blocks.iter().take_while(|block| block.span.1 < time).count();
+        // The last block still grows.
+        let whole = self.blocks.iter().take(self.blocks.len().saturating_sub(1));
+        let older = whole.take_while(|block| block.span.1 < time).count();
         Place { block: self.first + older as u64, ..Place::default() }
     }
 

@@ -220,6 +220,17 @@ proptest! {
     }
 }
 
+// Found by the model: a place behind a block that still grew.
+#[test]
+fn a_place_for_a_time_to_come_is_in_front_of_what_comes_then() {
+    let mut memory = Memory::new(1 << 20, 2);
+    memory.push(&frame(1, 0, Timestamp(1)));
+    let mut place = memory.place_of(Timestamp(5));
+    memory.push(&frame(2, 0, Timestamp(6)));
+    let found = std::iter::from_fn(|| memory.next(&mut place));
+    assert_eq!(found.last().map(|found| found.entry.time()), Some(Timestamp(6)));
+}
+
 fn weight(entry: &Entry) -> u64 {
     match entry {
         Entry::Frame(item) => item.frame.value.weight(),

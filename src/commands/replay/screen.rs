@@ -1,6 +1,9 @@
 //! What a person sees while a recording is played.
 
 use std::io::{IsTerminal as _, Write as _};
+use std::os::fd::AsFd as _;
+
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
 use super::plan::Plan;
 use crate::commands::{cat, output};
@@ -69,6 +72,12 @@ impl Audience for Screen {
     }
 
     fn show(&mut self, position: &Position) {
+        // A terminal that was stopped (Ctrl-S) must not stop the replay with it.
+        let stderr = std::io::stderr();
+        let mut ready = [PollFd::new(stderr.as_fd(), PollFlags::POLLOUT)];
+        if poll(&mut ready, PollTimeout::ZERO).unwrap_or(0) == 0 {
+            return;
+        }
         let state = if position.paused { "paused" } else { "playing" };
         let lap =
             if position.lap > 0 { format!("  lap {}", position.lap + 1) } else { String::new() };

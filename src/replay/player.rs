@@ -82,6 +82,7 @@ pub fn play(
     })
 }
 
+#[allow(clippy::struct_excessive_bools, reason = "each is a state of its own")]
 struct Player<'a, 'scope, 'env> {
     scope: &'scope Scope<'scope, 'env>,
     stage: &'a mut Stage<'env>,

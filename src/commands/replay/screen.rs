@@ -41,10 +41,17 @@ impl Screen {
 
     /// Makes room for other output.
     pub fn clear(&mut self) {
-        if std::mem::take(&mut self.shown) {
+        if std::mem::take(&mut self.shown) && takes_text() {
             eprint!("\r\x1b[K");
         }
     }
+}
+
+/// False while the terminal is stopped (Ctrl-S), which must not stop the replay with it.
+fn takes_text() -> bool {
+    let stderr = std::io::stderr();
+    let mut ready = [PollFd::new(stderr.as_fd(), PollFlags::POLLOUT)];
+    poll(&mut ready, PollTimeout::ZERO).is_ok_and(|ready| ready > 0)
 }
 
 impl Audience for Screen {
@@ -72,10 +79,7 @@ impl Audience for Screen {
     }
 
     fn show(&mut self, position: &Position) {
-        // A terminal that was stopped (Ctrl-S) must not stop the replay with it.
-        let stderr = std::io::stderr();
-        let mut ready = [PollFd::new(stderr.as_fd(), PollFlags::POLLOUT)];
-        if poll(&mut ready, PollTimeout::ZERO).unwrap_or(0) == 0 {
+        if !takes_text() {
             return;
         }
         let state = if position.paused { "paused" } else { "playing" };

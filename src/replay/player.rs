@@ -56,6 +56,7 @@ pub fn play(
             given: 0,
             steps: 0,
             starved: true,
+            held: false,
             ended: false,
             next_status: began,
             hear_by: began,
@@ -81,6 +82,7 @@ pub fn play(
     })
 }
 
+#[allow(clippy::struct_excessive_bools, reason = "each is a state of its own")]
 struct Player<'a, 'scope, 'env> {
     scope: &'scope Scope<'scope, 'env>,
     stage: &'a mut Stage<'env>,
@@ -102,6 +104,8 @@ struct Player<'a, 'scope, 'env> {
     steps: u64,
     /// The reader has not got as far as we have.
     starved: bool,
+    /// The next frame waits for room in its lane.
+    held: bool,
     /// Nothing more comes from the feed.
     ended: bool,
     next_status: u64,
@@ -119,10 +123,13 @@ impl Player<'_, '_, '_> {
         self.begin()?;
         while self.ending.is_none() {
             self.obey_next();
-            let due = self.release();
+            let mut due = self.release();
             let now = steady_nanos();
             for lane in &mut self.stage.lanes {
                 lane.flush(now, self.schedule.rate() != Rate::Max, &mut self.tallies)?;
+            }
+            if self.held && !self.stage.lanes.iter().any(Lane::is_full) {
+                due = Some(0);
             }
             let count = self.options.count.is_some_and(|count| self.given >= count);
             let over = count || !self.answers();
@@ -167,7 +174,7 @@ impl Player<'_, '_, '_> {
     /// Gives lanes what is due. Returns when to come back, if that is known.
     fn release(&mut self) -> Option<u64> {
         let now = steady_nanos();
-        self.starved = false;
+        (self.starved, self.held) = (false, false);
         for _ in 0..TURN {
             if self.ended || self.options.count.is_some_and(|count| self.given >= count) {
                 self.ended = true;
@@ -198,6 +205,7 @@ impl Player<'_, '_, '_> {
                 lane.and_then(|lane| self.stage.lanes.get(*lane)).is_some_and(Lane::is_full)
             });
             if full {
+                self.held = true;
                 return None;
             }
             if let Some(item) = self.feed.take() {

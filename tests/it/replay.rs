@@ -356,6 +356,22 @@ fn several_recordings_run_side_by_side_on_one_clock() {
 }
 
 #[test]
+fn a_reader_of_a_trace_that_comes_late_gets_everything() {
+    let made = Made::new(Layout::Batch, &mixed(40_000));
+    let mut command = std::process::Command::new("sh");
+    // Longer than it takes to fill the pipe and all that waits for it.
+    let replay = format!(
+        "{} replay {} --to can0=trace: --rate max | (sleep 1; cat)",
+        crate::support::process::BUSTAPE,
+        made.file.display()
+    );
+    command.args(["-c", &replay]);
+    let ran = spawn(command).wait().expect(0);
+    let cat = bustape(args(&[&"cat", &made.file, &"-f", &"can0"])).expect(0).out;
+    assert!(ran.out == cat && lines(&cat).len() == 30_000);
+}
+
+#[test]
 fn a_reader_of_a_trace_that_goes_away_ends_it_without_a_complaint() {
     let made = Made::new(Layout::Frame, &mixed(2000));
     let mut command = std::process::Command::new("sh");

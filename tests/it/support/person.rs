@@ -6,6 +6,7 @@ use std::io::{Read as _, Write as _};
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc::{Receiver, channel};
 
+use nix::fcntl::{FcntlArg, FdFlag, fcntl};
 use nix::pty::{OpenptyResult, openpty};
 use nix::sys::signal::{Signal, kill};
 use nix::sys::termios::{Termios, tcgetattr};
@@ -30,6 +31,9 @@ impl Person {
     /// Starts `bustape` with its stdin and stderr on the terminal, which is its controlling one.
     pub fn start<S: AsRef<OsStr>>(args: impl IntoIterator<Item = S>) -> Self {
         let OpenptyResult { master, slave } = openpty(None, None).expect("a terminal");
+        for descriptor in [&master, &slave] {
+            fcntl(descriptor, FcntlArg::F_SETFD(FdFlag::FD_CLOEXEC)).expect("it is open");
+        }
         let (keys, terminal) = (File::from(master), File::from(slave));
         let before = tcgetattr(&terminal).expect("it is a terminal");
         let end = |terminal: &File| Stdio::from(terminal.try_clone().expect("a descriptor"));

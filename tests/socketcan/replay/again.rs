@@ -54,11 +54,22 @@ fn piece(number: usize) -> Vec<u8> {
     (0..=number % 7).map(|byte| (number * 31 + byte * 101).to_le_bytes()[0]).collect()
 }
 
-/// What `cat` shows of a serial line, its bytes put together.
+/// The bytes of the serial line that `cat` shows, in hexadecimal. Long pieces take several lines, of
+/// which only the first has a time and a name.
 fn bytes_of(lines: &[String]) -> String {
-    let dumps = lines.iter().filter(|line| line.contains(" line rx "));
-    let hex = dumps.map(|line| line.split(" rx ").nth(1).unwrap_or("").split("  |").next());
-    hex.flatten().flat_map(str::split_whitespace).collect()
+    let (mut ours, mut all) = (false, String::new());
+    for line in lines {
+        let dump = match line.split_once(" line rx ") {
+            Some((_, dump)) => dump,
+            None => line,
+        };
+        ours = dump.len() < line.len() || ours && !line.starts_with('(');
+        if ours {
+            let hex = dump.split_whitespace().take_while(|word| !word.starts_with('|'));
+            all.extend(hex);
+        }
+    }
+    all
 }
 
 /// The same frames and bytes twice, by two programs: by candump, and by ourselves.

@@ -48,6 +48,7 @@ pub enum Missing {
 }
 
 /// Options of `bustape record`.
+#[allow(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 #[derive(Debug, Args)]
 #[command(after_help = ADDRESSES)]
 #[command(group(clap::ArgGroup::new("target").args(["output", "dir"])))]

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 /// Options of `bustape retime`.
+#[allow(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Times in a recording follow a steady clock, so intervals are true whatever was done to the wall clock;

@@ -147,8 +147,8 @@ impl Bus {
         for window in recording.segments.iter().filter(is_window).filter_map(totals) {
             add_up(&mut sum, window);
         }
-        let rest = recording.segments.iter().rev().filter(|segment| !is_window(segment));
-        let totals = rest.filter_map(totals).next().unwrap_or(sum);
+        let mut rest = recording.segments.iter().rev().filter(|segment| !is_window(segment));
+        let totals = rest.find_map(totals).unwrap_or(sum);
         let facts = facts.cloned().unwrap_or_default();
         Self { name: name.to_owned(), facts, totals }
     }

@@ -271,9 +271,10 @@ impl Desk {
             }
             None => None,
         };
-        let tape = match plan.windows_only {
-            true => None,
-            false => Some(Tape::start(segments, definitions.streams, &mut session)?),
+        let tape = if plan.windows_only {
+            None
+        } else {
+            Some(Tape::start(segments, definitions.streams, &mut session)?)
         };
         let mut recorder = Recorder::new(self.queue.clone(), session, tape);
         if let Some(triggers) = definitions.triggers {

@@ -9,7 +9,7 @@ use crate::decode::can::{Match, Value};
 use crate::decode::definition::CanDefinition;
 use crate::frame::{CanFrame, Frame, Stamped, Timestamp};
 use crate::protocol::message::{Asked, Message};
-use crate::protocol::payload::Field;
+use crate::protocol::payload::{Field, Value as PayloadValue};
 use crate::protocol::{Command, Decoder, Item, ItemKind, Protocol};
 
 /// What a bus is decoded with.
@@ -46,6 +46,12 @@ enum Kind {
 const KINDS: [(&str, Kind); 3] =
     [("_request", Kind::Request), ("_response", Kind::Response), ("_report", Kind::Report)];
 
+/// Gives each value that a signal or field (by its number) has to a function.
+pub type Values<'a> = dyn Fn(usize, &mut dyn FnMut(f64)) + 'a;
+
+/// Who wants to know of the assemblies, by their names.
+type Assemblies = Vec<(Arc<str>, Vec<Probe>)>;
+
 /// A message, and who wants to know of it.
 pub struct Heard<'a> {
     /// Those that want to know of it.
@@ -53,13 +59,13 @@ pub struct Heard<'a> {
     /// When it was.
     pub time: Timestamp,
     /// Gives each value that a signal or field has in it, in physical units.
-    pub values: &'a dyn Fn(usize, &mut dyn FnMut(f64)),
+    pub values: &'a Values<'a>,
 }
 
 /// Decodes the frames of one bus.
 pub enum Listener {
     /// A CAN bus: by message and by assembly of its definition.
-    Can { bus: CanBus, messages: Vec<Vec<Probe>>, assemblies: Vec<(Arc<str>, Vec<Probe>)> },
+    Can { bus: CanBus, messages: Vec<Vec<Probe>>, assemblies: Assemblies },
     /// A serial line: by command of its protocol.
     Serial { decoder: Decoder, protocol: Arc<Protocol>, commands: Vec<Vec<Probe>> },
 }
@@ -186,7 +192,7 @@ fn hear_can(
     item: &CanItem<'_>,
     frame: &CanFrame,
     time: Timestamp,
-    (messages, assemblies): (&[Vec<Probe>], &[(Arc<str>, Vec<Probe>)]),
+    (messages, assemblies): (&[Vec<Probe>], &Assemblies),
     hear: &mut dyn FnMut(Heard<'_>),
 ) {
     match item {
@@ -209,7 +215,9 @@ fn hear_can(
                             Content::One(value) => vec![value],
                             Content::Many(values) => values,
                         };
-                        all.iter().filter_map(|v| v.number()).for_each(|n| give(scaled(n, scale)));
+                        all.iter()
+                            .filter_map(PayloadValue::number)
+                            .for_each(|n| give(scaled(n, scale)));
                     }
                 });
             };

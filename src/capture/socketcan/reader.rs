@@ -255,13 +255,13 @@ impl Reader {
     /// through the kernel when the link went down.
     fn end_outage_before(&mut self, time: Timestamp, error: Option<&CanError>) {
         // Off the bus, a controller may still tell of errors, but hears no frames.
-        let still_off = error.is_some_and(|e| !e.state().is_some_and(|s| s < BusState::BusOff));
+        let still_off = error.is_some_and(|e| e.state().is_none_or(|s| s >= BusState::BusOff));
         if self.is_bus_off() && still_off {
             return;
         }
         match &mut self.outage {
             Some(Outage { from, seen: Some(seen), .. }) if time <= *seen => {
-                *from = (*from).max(time)
+                *from = (*from).max(time);
             }
             Some(Outage { seen: Some(_), .. }) => self.link_up(time),
             _ => {}

@@ -32,7 +32,7 @@ fn main() -> Result<()> {
         time: Timestamp(START),
         ..Head::default()
     };
-    let mut segment = segments.open(Timestamp(START), &head)?;
+    let mut segment = segments.open(Timestamp(START), &head, "")?;
     let mut random = 1;
     for number in 0..(gib << 30) / PIECE {
         let time = Timestamp(START + number * MILLISECOND);

@@ -117,8 +117,9 @@ mod tests {
     fn the_room_for_waiting_rows_is_bounded() {
         let catalogue = Catalogue::new(Box::new(|_| true));
         let mut ordered = Ordered::new(Seen::default());
+        let row = vec![0; 1 << 20];
         for number in 0..100_u64 {
-            ordered.write(&catalogue, 0, Timestamp(100 - number), &[0; 1 << 20]).unwrap();
+            ordered.write(&catalogue, 0, Timestamp(100 - number), &row).unwrap();
             assert!(ordered.bytes <= MOST_BYTES, "{}", ordered.bytes);
         }
         assert_eq!(ordered.writer.0.len(), 96);

@@ -289,7 +289,7 @@ mod tests {
             libc::CAN_ERR_BUSERROR,
             libc::CAN_ERR_RESTARTED,
         ];
-        assert_eq!(CLASSES.map(|(_, bit, _)| i64::from(bit)), kernel.map(|bit| bit as i64));
+        assert_eq!(CLASSES.map(|(_, bit, _)| i64::from(bit)), kernel.map(i64::from));
     }
 
     #[test]

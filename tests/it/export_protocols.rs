@@ -263,12 +263,16 @@ fn raw_buses_give_the_tables_that_their_decoded_recording_gives() {
                     ["raw", "full"].map(|of| fs::read_to_string(path(of).join(&name)).unwrap());
                 assert!(a == b, "{more:?} {name}");
             }
-            ["raw", "full"].into_iter().for_each(|of| fs::remove_dir_all(path(of)).unwrap());
+            for of in ["raw", "full"] {
+                fs::remove_dir_all(path(of)).unwrap();
+            }
         } else {
             let [a, b] = ["raw", "full"].map(|of| fs::read_to_string(path(of)).unwrap());
             assert!(a.lines().count() > 3, "{a}");
             assert!(a == b, "{more:?}: {:?}", a.lines().zip(b.lines()).find(|(a, b)| a != b));
-            ["raw", "full"].into_iter().for_each(|of| fs::remove_file(path(of)).unwrap());
+            for of in ["raw", "full"] {
+                fs::remove_file(path(of)).unwrap();
+            }
         }
     }
     let parquet = ["--format", "parquet", "--bus", "rect"];

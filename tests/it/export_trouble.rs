@@ -53,9 +53,9 @@ fn a_disk_that_fills_up_is_an_error_with_a_path_and_leaves_nothing() {
         assert!(ran.err.contains("No space left on device"), "{}", ran.err);
         assert!(ran.err.contains("make room or choose another disk"), "{}", ran.err);
         assert_eq!(ran.out, "", "{format} {more}: something is left");
-        ["disk", "found"]
-            .into_iter()
-            .for_each(|of| fs::remove_dir(folder.path().join(of)).unwrap());
+        for of in ["disk", "found"] {
+            fs::remove_dir(folder.path().join(of)).unwrap();
+        }
     }
 }
 

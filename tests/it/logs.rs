@@ -1,6 +1,7 @@
 //! `bustape import` and the frame formats of `bustape export`: what goes in comes out, and the
 //! programs that people use read it.
 
+use std::fmt::Write as _;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -157,7 +158,7 @@ fn every_pair_of_formats_gives_the_same_frames() {
         };
         let way = if number % 3 == 0 { "T" } else { "R" };
         let (seconds, micros) = (time / 1_000_000, time % 1_000_000);
-        text += &format!("({seconds}.{micros:06}) can{} {frame} {way}\n", number % 2);
+        writeln!(text, "({seconds}.{micros:06}) can{} {frame} {way}", number % 2).unwrap();
     }
     let first = logs.put("first.log", &text);
     logs.import(&[&first], "first.mcap").expect(0);

@@ -205,7 +205,7 @@ fn where_only_windows_are_kept_the_books_name_what_was_outside() {
         std::thread::sleep(Duration::from_millis(700));
     });
     let ran = running.stop().expect(0);
-    assert_eq!(files(&folder.join("rec")), [PathBuf::new(); 0], "nothing but windows");
+    assert_eq!(files(&folder.join("rec")), Vec::<PathBuf>::new(), "nothing but windows");
     let found = windows(folder);
     assert_eq!(found.len(), 1, "{found:?}");
     let window = mcap::finished(&found[0]);

@@ -166,7 +166,11 @@ impl<R> Blf<R> {
             self.lost_place = true;
             return true;
         }
-        let end = self.at + size;
+        let inside = if base.is_traffic() { object::begins_inside(&rest[..size]) } else { None };
+        if inside.is_some() {
+            self.odd(|| format!("its {size} bytes reach over the beginning of the next object"));
+        }
+        let end = self.at + inside.unwrap_or(size);
         // Out of its place for as long as the object is looked at.
         let stream = std::mem::take(&mut self.stream);
         self.take(base, &stream[self.at..end], into);

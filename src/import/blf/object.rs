@@ -99,6 +99,13 @@ impl<'a> Object<'a> {
     }
 }
 
+/// Where in an object another one begins: its size is wrong then, and would swallow the other.
+pub(super) fn begins_inside(object: &[u8]) -> Option<usize> {
+    let behind = object.get(BASE..)?;
+    let found = memchr::memmem::find_iter(behind, SIGNATURE);
+    found.map(|at| BASE + at).find(|&at| Base::parse(&object[at..]).is_some())
+}
+
 /// What the format calls a kind of object, for those that are met beside frames.
 pub(super) fn name(kind: u32) -> Option<&'static str> {
     let name = match kind {

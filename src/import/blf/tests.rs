@@ -121,6 +121,16 @@ fn objects_go_on_from_one_container_to_the_next() {
 }
 
 #[test]
+fn an_object_that_claims_a_part_of_the_next_one_does_not_swallow_it() {
+    let mut bytes = messages(0..10);
+    // 48 are right; 89 end so short before the third that it looks like rounding up.
+    bytes[48 + 8] = 89;
+    let log = read(&file(&[container(&bytes, false)]));
+    assert_eq!(log.numbers(), (0..10).collect::<Vec<_>>());
+    assert_eq!(log.skipped.count, 1);
+}
+
+#[test]
 fn frames_outside_of_containers_are_taken_too() {
     let log = read(&file(&[message(1), message(2), container(&message(3), true), message(4)]));
     assert_eq!(log.numbers(), [1, 2, 3, 4]);

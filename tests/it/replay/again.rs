@@ -147,7 +147,9 @@ fn a_hundred_thousand_frames_of_all_kinds_are_recorded_replayed_and_recorded_aga
             scope.spawn(|| send(bus.sender(), lines));
         }
         let mut line = open(&tty);
-        pieces.iter().for_each(|piece| line.write_all(piece).unwrap());
+        for piece in &pieces {
+            line.write_all(piece).unwrap();
+        }
     });
     // What has arrived by now is still recorded.
     recorder.stop().expect(0);

@@ -75,7 +75,7 @@ impl Person {
             }
             match self.said.recv_timeout(PATIENCE) {
                 Ok(more) => all.push_str(&more),
-                Err(_) => panic!("waited for {part:?} and saw {all:?}"),
+                Err(why) => panic!("waited for {part:?} and saw {all:?}: {why}"),
             }
         }
     }

@@ -115,7 +115,7 @@ pub fn hundred_thousand() -> Result<(), Failed> {
         assert!(of(interface, &seen) == of(interface, &seen_again), "{interface} by candump");
         assert!(of(bus, &without_error(&before)) == of(bus, &after), "{bus} by cat");
     }
-    let expected: String = bytes.iter().map(|byte| format!("{byte:02X}")).collect();
+    let expected = bytes.iter().fold(String::new(), |text, byte| text + &format!("{byte:02X}"));
     assert!(bytes_of(&before) == expected && bytes_of(&after) == expected);
     Ok(())
 }

@@ -90,7 +90,7 @@ pub fn slow_adapter() -> Result<(), Failed> {
     sh("ip link set adapter1 txqueuelen 5 up");
     let heard = std::thread::spawn(move || {
         let (mut all, mut buffer) = (Vec::new(), [0; 64]);
-        while all.iter().filter(|byte| **byte == b'\r').count() < 2000 {
+        while text(&all).matches('\r').count() < 2000 {
             let length = nix::unistd::read(&master, &mut buffer).expect("a line");
             all.extend_from_slice(&buffer[..length]);
             if all.len() < 4000 {
@@ -112,8 +112,9 @@ pub fn slow_adapter() -> Result<(), Failed> {
     let sent = of("a ", &cat(&recorded.file, &[]));
     let sent: Vec<&str> = sent.iter().map(|line| line.trim_start_matches("a ")).collect();
     assert!(heard == sent);
-    slcand.kill()?;
+    let killed = slcand.kill();
     slcand.wait()?;
+    killed?;
     Ok(())
 }
 

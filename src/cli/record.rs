@@ -144,7 +144,7 @@ pub struct RecordArgs {
     #[arg(long, value_name = "SIZE", default_value = "16MiB", value_parser = parse_queue)]
     pub queue: u64,
 
-    /// Keep nothing but the windows that [[trigger]]s with "before" or "after" ask for, in the folder
+    /// Keep nothing but the windows that triggers with "before" or "after" ask for, in the folder
     /// windows of DIR (docs/triggers.md)
     #[arg(long, conflicts_with = "output")]
     pub windows_only: bool,

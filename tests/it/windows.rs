@@ -265,10 +265,12 @@ fn a_window_cut_off_by_a_kill_is_recovered_as_any_other_file() {
     let running = recorder(folder, text);
     received(folder, 100);
     mark(folder, "now");
-    let part = until("frames in the window", || {
+    // The mark, and the trigger that it has set off.
+    let part = until("frames and events in the window", || {
         let part = windows(folder).into_iter().next()?;
         let file = mcap::parse(&std::fs::read(&part).ok()?, false).ok()?;
-        (file.on("/station/raw").count() > 150).then_some(part)
+        let (frames, events) = (file.on("/station/raw"), file.on("/bustape/event"));
+        (frames.count() > 150 && events.count() == 2).then_some(part)
     });
     running.kill();
     assert!(part.to_str().unwrap().ends_with("_mark.mcap.part"), "{part:?}");

@@ -24,7 +24,8 @@ fn main() -> Result<()> {
     let gib = args.next().and_then(|gib| gib.to_str()?.parse::<u64>().ok()).context(USAGE)?;
     let target = Target::File(PathBuf::from(args.next().context(USAGE)?));
     let options = WriterOptions::default();
-    let mut segments = Segments::new(Box::new(RealDisk), target, Split::default(), options)?;
+    let mut segments =
+        Segments::new(std::sync::Arc::new(RealDisk), target, Split::default(), options)?;
     let head = Head {
         buses: [("can0", "16"), ("line", "0")]
             .map(|(name, mtu)| (name.to_owned(), Facts::from([("mtu".to_owned(), mtu.to_owned())])))

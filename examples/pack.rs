@@ -52,7 +52,8 @@ fn main() -> Result<()> {
         ..Head::default()
     };
     let target = Target::File(args.file);
-    let mut segments = Segments::new(Box::new(RealDisk), target, Split::default(), options)?;
+    let mut segments =
+        Segments::new(std::sync::Arc::new(RealDisk), target, Split::default(), options)?;
     let mut segment = segments.open(start.time, &head, "")?;
     for line in log.lines() {
         let (name, frame) = parse(line).with_context(|| not_a_frame(line))?;

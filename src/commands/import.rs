@@ -9,6 +9,7 @@ use std::cell::Cell;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
+use std::sync::Arc;
 
 use anyhow::Result;
 
@@ -117,7 +118,7 @@ fn import(
         ..WriterOptions::default()
     };
     let target = Target::File(args.output.clone());
-    let mut segments = Segments::new(Box::new(RealDisk), target, Split::default(), options)?;
+    let mut segments = Segments::new(Arc::new(RealDisk), target, Split::default(), options)?;
     let mut frames = Vec::new();
     // The head tells when the recording begins.
     merge.next(&mut frames).map_err(|error| failed(logs, error))?;

@@ -11,6 +11,7 @@ use serde_json::{Value, json};
 use super::{Ended, output};
 use crate::cli::InfoArgs;
 use crate::frame::{Frame, Gap, Timestamp};
+use crate::recording::disk::holder;
 use crate::recording::reader::{Entry, Recording};
 use crate::recording::rewrite::RECOVERY;
 use crate::recording::segment::{Ending, Segment};
@@ -307,13 +308,19 @@ fn print_attachments(out: &mut impl std::io::Write, recording: &Recording) -> Re
 pub fn unfinished(segment: &Segment) -> String {
     let Ending::Cut { at, of } = segment.ending else { return String::new() };
     let name = segment.path.display();
+    if segment.is_growing {
+        let by = holder(&segment.path).map_or(String::new(), |pid| format!(" (process {pid})"));
+        return format!(
+            "{name} is not finished: its recorder{by} is still running. It can be read up to byte {at}"
+        );
+    }
     let rest = if at < of {
         format!(", {} bytes behind that cannot be read", of - at)
     } else {
         String::new()
     };
     format!(
-        "{name} was not finished: the recorder is still running, or was killed. It can be read up \
+        "{name} was not finished: its recorder was killed, or the power went. It can be read up \
          to byte {at} of {of}{rest}. Make a finished file of it with \"bustape convert {name} -o \
          NEW.mcap\""
     )
@@ -321,7 +328,7 @@ pub fn unfinished(segment: &Segment) -> String {
 
 /// True when an unfinished file ends with bytes that cannot be read.
 pub fn is_damaged(segment: &Segment) -> bool {
-    matches!(segment.ending, Ending::Cut { at, of } if at < of)
+    !segment.is_growing && matches!(segment.ending, Ending::Cut { at, of } if at < of)
 }
 
 fn span(segment: &Segment) -> (Option<Timestamp>, Option<Timestamp>) {

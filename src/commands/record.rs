@@ -3,6 +3,7 @@
 pub(super) mod about;
 mod board;
 mod leftovers;
+mod patience;
 mod plan;
 mod report;
 mod service;
@@ -42,6 +43,7 @@ use crate::sys::SystemClock;
 use crate::trigger::Triggers;
 use board::Board;
 use leftovers::Leftovers;
+use patience::Patience;
 use service::Service;
 pub use watch::Stops;
 use watch::{Signals, Watch};
@@ -169,6 +171,7 @@ pub async fn record(buses: Vec<Bus>, definitions: Definitions, plan: &Plan) -> R
     service.ready();
     let mut watch = Watch {
         service,
+        patience: Patience::new(),
         board,
         buses: &desk.units,
         timeline: &desk.timeline,
@@ -246,7 +249,7 @@ impl Desk {
                 self.progress.remark(Level::Info, text);
             }
         }
-        let segments = Segments::new(Box::new(RealDisk), target, plan.split, plan.writer)?;
+        let segments = Segments::new(Arc::new(RealDisk), target, plan.split, plan.writer)?;
         let recorded = buses.iter().zip(&self.tallies).zip(&definitions.streams);
         let recorded = recorded.map(|((bus, tally), stream)| bus.recorded(tally, stream.as_ref()));
         let (mut facts, mut attachments) = (about::about(), definitions.attachments);
@@ -266,7 +269,7 @@ impl Desk {
             Some(reach) => {
                 let keeping =
                     Keeping { reach, memory: plan.window_memory, only: plan.windows_only };
-                let row = segments.windows(Box::new(RealDisk))?;
+                let row = segments.windows()?;
                 Some(Windows::new(keeping, row, definitions.known, buses.len()))
             }
             None => None,

@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::{Ended, UsageError, output};
 use crate::cli::RecoverArgs;
 use crate::frame::Timestamp;
-use crate::record::leftovers::{Recovered, final_name, recover_in_place, rewrite};
+use crate::record::leftovers::{Recovered, final_name, nothing_in, recover_in_place, rewrite};
 use crate::recording::reader::files_of;
 use crate::recording::rewrite::{Lost, Report};
 use crate::text::{grouped, printable, printable_json, rfc3339, size};
@@ -29,9 +29,17 @@ pub fn run(args: &RecoverArgs) -> Result<Ended> {
             files.len()
         )));
     }
-    let mut done = Vec::new();
+    let (mut done, mut failed) = (Vec::new(), 0);
     for file in &files {
-        done.push(one(args, file)?);
+        match one(args, file) {
+            Ok(one) => done.extend(one),
+            Err(error) if files.len() == 1 => return Err(error),
+            // The others may be better off.
+            Err(error) => {
+                output::warning(&error.to_string());
+                failed += 1;
+            }
+        }
     }
     let mut out = output::stdout();
     if args.json {
@@ -46,6 +54,9 @@ pub fn run(args: &RecoverArgs) -> Result<Ended> {
     for one in done.iter().filter(|one| !one.report.is_whole()) {
         output::warning(&format!("{}: not all of it could be recovered", one.input.display()));
     }
+    if failed > 0 {
+        bail!("{failed} of {} files could not be recovered", files.len());
+    }
     let whole = done.iter().all(|one| one.report.is_whole());
     Ok(if whole { Ended::Well } else { Ended::WithLoss })
 }
@@ -58,14 +69,23 @@ struct Done {
     report: Report,
 }
 
-fn one(args: &RecoverArgs, file: &Path) -> Result<Done> {
+/// `None` if there was nothing in it.
+fn one(args: &RecoverArgs, file: &Path) -> Result<Option<Done>> {
     let mut progress = Progress::new(file);
     let mut go_on = |at| progress.show(at);
     let input = file.to_owned();
     if args.in_place {
         return Ok(match recover_in_place(file, &mut go_on)? {
-            Recovered::Sound(report) => Done { output: input.clone(), input, aside: None, report },
-            Recovered::Anew { file, aside, report } => Done { input, output: file, aside, report },
+            Recovered::Sound(report) => {
+                Some(Done { output: input.clone(), input, aside: None, report })
+            }
+            Recovered::Anew { file, aside, report } => {
+                Some(Done { input, output: file, aside, report })
+            }
+            Recovered::Nothing { aside } => {
+                output::note(&nothing_in(file, aside.as_deref()));
+                None
+            }
             Recovered::Stopped => bail!("interrupted"),
         });
     }
@@ -78,7 +98,7 @@ fn one(args: &RecoverArgs, file: &Path) -> Result<Done> {
         }
     };
     let Some(report) = rewrite(file, &output, None, &mut go_on)? else { bail!("interrupted") };
-    Ok(Done { input, output, aside: None, report })
+    Ok(Some(Done { input, output, aside: None, report }))
 }
 
 impl Done {

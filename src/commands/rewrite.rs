@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::{self, IsTerminal as _};
 use std::path::Path;
+use std::sync::Arc;
 
 use anyhow::{Result, bail};
 
@@ -35,7 +36,7 @@ pub fn write(
     copy: &mut impl Copy,
 ) -> Result<Ended> {
     let target = Target::File(path.to_owned());
-    let mut segments = Segments::new(Box::new(RealDisk), target, Split::default(), options)?;
+    let mut segments = Segments::new(Arc::new(RealDisk), target, Split::default(), options)?;
     let mut out = segments.open(head.time, head, "")?;
     let mut summary = summary(recording);
     let copied = copy_all(&mut entries, copy, &mut out.writer)

@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use super::segments::{SegmentError, part_of};
 use crate::recording::disk::{Disk, RealDisk, folder_of, holder};
 use crate::recording::rewrite::{Change, Report, Rewrite, RewriteError};
+use crate::recording::segment::Segment;
 
 /// How a file was recovered.
 pub enum Recovered {
@@ -24,6 +25,12 @@ pub enum Recovered {
         aside: Option<PathBuf>,
         /// What was kept and lost.
         report: Report,
+    },
+    /// The recorder was cut off before it had written anything that can be recognised. Its file is set
+    /// aside so that nobody finds it again; one without a byte is removed.
+    Nothing {
+        /// Where the original is now.
+        aside: Option<PathBuf>,
     },
     /// It was told to stop before it was done; all is as before.
     Stopped,
@@ -50,13 +57,23 @@ pub fn rewrite(
         }
     }
     let Some(report) = write(input, &part, change, go_on)? else { return Ok(None) };
+    if report.is_empty() {
+        return Err(nothing(input));
+    }
     RealDisk.rename(&part, output).map_err(|e| {
         SegmentError(format!("cannot rename {} to {}: {e}", part.display(), output.display()))
     })?;
     Ok(Some(report))
 }
 
-/// Writes and syncs `output`; nothing is left of it after an error.
+fn nothing(input: &Path) -> SegmentError {
+    SegmentError(format!(
+        "{} holds nothing that can be recognised as a part of a recording",
+        input.display()
+    ))
+}
+
+/// Writes and syncs `output`; nothing is left of it after an error, or when nothing was found.
 fn write(
     input: &Path,
     output: &Path,
@@ -67,12 +84,9 @@ fn write(
         let output = output.display();
         SegmentError(format!("cannot write {output}: {error}; {} is as it was", input.display()))
     };
-    let out = RealDisk.create(output).map_err(|e| failed(&e))?;
+    let out = RealDisk.create(output).map(|created| created.file).map_err(|e| failed(&e))?;
     let done = match Rewrite::run(input, out, change, go_on) {
-        Ok(Some((_, report))) if report.is_empty() => Err(SegmentError(format!(
-            "{} holds nothing that can be recognised as a part of a recording",
-            input.display()
-        ))),
+        Ok(Some((_, report))) if report.is_empty() => Ok(Some(report)),
         Ok(Some((mut container, report))) => {
             container.sync().map(|()| Some(report)).map_err(|e| failed(&e))
         }
@@ -80,7 +94,7 @@ fn write(
         Err(RewriteError::Read(error)) => Err(SegmentError(error.to_string())),
         Err(RewriteError::Write(error)) => Err(failed(&error)),
     };
-    if !matches!(done, Ok(Some(_))) {
+    if !matches!(&done, Ok(Some(report)) if !report.is_empty()) {
         RealDisk.remove(output).ok();
     }
     done
@@ -105,7 +119,10 @@ pub fn recover_in_place(input: &Path, go_on: GoOn<'_>) -> Result<Recovered, Segm
         RealDisk.remove(&copy).map_err(|e| cannot("remove", &copy, &e))?;
     }
     let Some(report) = write(input, &copy, None, go_on)? else { return Ok(Recovered::Stopped) };
-    if report.is_whole() && report.finished {
+    if report.is_empty() {
+        return if is_part { set_nothing_aside(input, &name) } else { Err(nothing(input)) };
+    }
+    if report.is_whole() && report.index_bytes == 0 && has_end(input)? {
         RealDisk.remove(&copy).map_err(|e| cannot("remove", &copy, &e))?;
         if !is_part {
             return Ok(Recovered::Sound(report));
@@ -131,6 +148,28 @@ pub fn recover_in_place(input: &Path, go_on: GoOn<'_>) -> Result<Recovered, Segm
     Ok(Recovered::Anew { file: name, aside: Some(aside), report })
 }
 
+/// The sentence for a file into which nothing had been written.
+pub fn nothing_in(file: &Path, aside: Option<&Path>) -> String {
+    let name = file.display();
+    match aside {
+        Some(aside) => format!(
+            "{name} was left before anything was recorded into it; it is now {}",
+            aside.display()
+        ),
+        None => format!("{name} was left empty, and was removed"),
+    }
+}
+
+fn set_nothing_aside(part: &Path, name: &Path) -> Result<Recovered, SegmentError> {
+    if is_empty(part) {
+        RealDisk.remove(part).map_err(|e| cannot("remove", part, &e))?;
+        return Ok(Recovered::Nothing { aside: None });
+    }
+    let aside = free_name(&with_ending(name, ".damaged"))?;
+    RealDisk.rename(part, &aside).map_err(|e| cannot("rename", part, &e))?;
+    Ok(Recovered::Nothing { aside: Some(aside) })
+}
+
 /// The recorder, or a recovery, was cut off between giving a file its name and taking the other.
 fn finish_renaming(part: &Path, name: &Path) -> Result<Recovered, SegmentError> {
     let report = Report::default();
@@ -142,6 +181,11 @@ fn finish_renaming(part: &Path, name: &Path) -> Result<Recovered, SegmentError> 
     let aside = free_name(&with_ending(name, ".damaged"))?;
     RealDisk.rename(part, &aside).map_err(|e| cannot("rename", part, &e))?;
     Ok(Recovered::Anew { file, aside: Some(aside), report })
+}
+
+/// True if a reader finds its way by the end of the file: a kill may have come while that was written.
+fn has_end(path: &Path) -> Result<bool, SegmentError> {
+    Segment::of_summary(path).map(|end| end.is_some()).map_err(|e| SegmentError(e.to_string()))
 }
 
 /// True for a file without a byte. Where a power cut has left both names of a file on vfat, which has no

@@ -7,6 +7,7 @@
 mod alarm;
 mod bus;
 mod decoders;
+mod disk_thread;
 mod entry;
 pub mod leftovers;
 mod pace;

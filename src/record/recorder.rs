@@ -23,6 +23,10 @@ use crate::trigger::{Fired, Triggers};
 const TAKE: usize = 4096;
 const SECOND: u64 = 1_000_000_000;
 
+/// The writer goes round at least this often, however seldom it writes: others see by that that it
+/// lives.
+const LONGEST_NAP: Duration = Duration::from_secs(1);
+
 /// A source may take so long from reading bytes to handing them over, nanoseconds.
 const SLOWEST: u64 = 100_000_000;
 
@@ -83,7 +87,7 @@ impl Recorder {
     /// Writes until the queue is closed and empty, then finishes the files. `reason` says why the
     /// recording ended; it is asked for at the end.
     pub fn run(mut self, reason: impl FnOnce() -> String) -> Outcome {
-        let tick = self.session.pace.half();
+        let tick = self.session.pace.half().min(LONGEST_NAP);
         let mut items = Vec::with_capacity(TAKE);
         let mut before = self.session.timeline.now();
         loop {
@@ -178,14 +182,31 @@ impl Recorder {
         if let Some(tape) = &mut self.tape {
             tape.cut_when_due(now, &mut self.session);
             if syncs {
-                tape.sync(now, &mut self.session);
+                tape.sync(now);
             }
             tape.split_when_full(now, asked, &mut self.session);
         }
         if let Some(windows) = &mut self.windows {
             windows.on_tick(now, syncs, &mut self.session);
         }
-        self.session.progress.gone_round();
+        self.on_done();
+    }
+
+    /// What the disk has done. A round has been gone when nothing had to be waited for, or when
+    /// something that was waited for has come.
+    fn on_done(&mut self) {
+        let (mut moved, mut waiting) = (false, false);
+        if let Some(tape) = &mut self.tape {
+            moved |= tape.on_done(&mut self.session);
+            waiting |= tape.is_waiting();
+        }
+        if let Some(windows) = &mut self.windows {
+            moved |= windows.on_done(&mut self.session);
+            waiting |= windows.is_waiting();
+        }
+        if moved || !waiting {
+            self.session.progress.gone_round();
+        }
     }
 
     /// Sentences about the recorder itself, for the files and the person.

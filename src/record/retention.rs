@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use super::leftovers::final_name;
 use crate::frame::Timestamp;
-use crate::recording::disk::Disk;
+use crate::recording::disk::{Disk, is_locked};
 use crate::recording::segment::Segment;
 use crate::recording::writer::EVENT_TOPIC;
 use crate::text::{self, parse_compact_utc};
@@ -298,6 +298,5 @@ fn holds_event(path: &Path) -> bool {
 
 /// True if nobody is writing the file.
 fn is_free(path: &Path) -> bool {
-    !File::open(path)
-        .is_ok_and(|file| matches!(file.try_lock(), Err(std::fs::TryLockError::WouldBlock)))
+    !File::open(path).is_ok_and(|file| is_locked(&file))
 }

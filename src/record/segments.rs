@@ -3,11 +3,13 @@
 use std::io;
 use std::os::unix::fs::DirBuilderExt as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
+use super::disk_thread::{DiskThread, Done, Job};
 use crate::frame::Timestamp;
 use crate::recording::definition::Facts;
-use crate::recording::disk::{Disk, folder_of};
+use crate::recording::disk::{Created, Disk, Durable, folder_of};
 use crate::recording::writer::{Head, SegmentWriter, WriterOptions};
 use crate::text::compact_utc;
 
@@ -74,13 +76,16 @@ pub struct SegmentError(pub String);
 
 /// The row of segment files of one recording.
 pub struct Segments {
-    disk: Box<dyn Disk>,
+    disk: Arc<dyn Disk>,
+    thread: DiskThread,
     target: Target,
     split: Split,
     options: WriterOptions,
     session: u32,
     number: u32,
     finished: Vec<PathBuf>,
+    /// The segment of which a sync is under way.
+    syncing: Option<PathBuf>,
 }
 
 /// The segment that is open.
@@ -91,6 +96,7 @@ pub struct Segment {
     pub path: PathBuf,
     /// When it was opened.
     pub started: Timestamp,
+    durable: Arc<dyn Durable>,
 }
 
 impl Segment {
@@ -103,7 +109,7 @@ impl Segment {
 impl Segments {
     /// Looks at the target without changing anything.
     pub fn new(
-        disk: Box<dyn Disk>,
+        disk: Arc<dyn Disk>,
         target: Target,
         split: Split,
         options: WriterOptions,
@@ -131,11 +137,23 @@ impl Segments {
                 last.max(of_windows).saturating_add(1)
             }
         };
-        Ok(Self { disk, target, split, options, session, number: 0, finished: Vec::new() })
+        Ok(Self::row(disk, target, split, options, session))
+    }
+
+    fn row(
+        disk: Arc<dyn Disk>,
+        target: Target,
+        split: Split,
+        options: WriterOptions,
+        session: u32,
+    ) -> Self {
+        let thread = DiskThread::new(disk.clone());
+        let finished = Vec::new();
+        Self { disk, thread, target, split, options, session, number: 0, finished, syncing: None }
     }
 
     /// The row of windows of the same recording. Makes their folder.
-    pub fn windows(&self, disk: Box<dyn Disk>) -> Result<Self, SegmentError> {
+    pub fn windows(&self) -> Result<Self, SegmentError> {
         let Target::Folder(folder, prefix) = &self.target else {
             let text = "windows around triggers need a folder: record with --dir";
             return Err(SegmentError(text.to_owned()));
@@ -143,11 +161,18 @@ impl Segments {
         let folder = folder.join(WINDOWS);
         let made = std::fs::DirBuilder::new().recursive(true).mode(0o750).create(&folder);
         made.map_err(|e| folder_error(&folder, &e))?;
+        self.sync_above(&folder);
         let target = Target::Folder(folder, prefix.clone());
         // A window is one file, unless its trigger does not come to rest.
         let split = Split { size: self.split.size, time: Some(LONGEST_WINDOW), at: None };
-        let (options, session) = (self.options, self.session);
-        Ok(Self { disk, target, split, options, session, number: 0, finished: Vec::new() })
+        Ok(Self::row(self.disk.clone(), target, split, self.options, self.session))
+    }
+
+    /// A folder that is new is in the one above it. On vfat that one is asked to write the first
+    /// entries of the new folder, too, and only once it has been is the new one asked itself
+    /// (`fat_alloc_new_dir` in fs/fat/dir.c). Where we may not look into it, nothing can be done.
+    fn sync_above(&self, folder: &Path) {
+        self.disk.sync_folder(&folder.join("..")).ok();
     }
 
     /// Number of the recording in its folder, from 1; tells recordings apart when the machine has
@@ -174,6 +199,34 @@ impl Segments {
         head: &Head,
         label: &str,
     ) -> Result<Segment, SegmentError> {
+        let mut segment = self.create(time, head, label)?;
+        let part = segment.part();
+        let synced = segment.writer.sync().and_then(|()| self.disk.sync_folder(folder_of(&part)));
+        if let Err(error) = synced {
+            self.discard(segment);
+            return Err(create_error(&part, &error));
+        }
+        Ok(segment)
+    }
+
+    /// The same without waiting for the disk, which is told by [`Segments::take_done`].
+    pub fn open_ahead(
+        &mut self,
+        time: Timestamp,
+        head: &Head,
+        label: &str,
+    ) -> Result<Segment, SegmentError> {
+        let segment = self.create(time, head, label)?;
+        self.give_sync(&segment, true, time);
+        Ok(segment)
+    }
+
+    fn create(
+        &mut self,
+        time: Timestamp,
+        head: &Head,
+        label: &str,
+    ) -> Result<Segment, SegmentError> {
         self.number += 1;
         let path = self.path(time, label);
         let part = part_of(&path);
@@ -191,19 +244,13 @@ impl Segments {
                 )));
             }
         }
-        let folder = folder_of(&part);
         if self.number == 1 {
-            // A folder that is new is in the one above it. On vfat that one is asked to write the first
-            // entries of the new folder, too, and only once it has been is the new one asked itself
-            // (fat_alloc_new_dir in fs/fat/dir.c). Where we may not look into it, nothing can be done.
-            self.disk.sync_folder(&folder.join("..")).ok();
+            self.sync_above(folder_of(&part));
         }
-        let out = self.disk.create(&part).map_err(|e| create_error(&part, &e))?;
-        let written = SegmentWriter::create(out, self.options, head)
-            .and_then(|mut writer| writer.sync().map(|()| writer))
-            .and_then(|writer| self.disk.sync_folder(folder).map(|()| writer));
-        match written {
-            Ok(writer) => Ok(Segment { writer, path, started: time }),
+        let created = self.disk.create(&part).map_err(|e| create_error(&part, &e))?;
+        let Created { file, durable } = created;
+        match SegmentWriter::create(file, self.options, head) {
+            Ok(writer) => Ok(Segment { writer, path, started: time, durable }),
             Err(error) => {
                 // Nothing is in it yet, so nothing is lost with it.
                 self.disk.remove(&part).ok();
@@ -223,27 +270,63 @@ impl Segments {
         too_long || too_big || self.split.at.is_some_and(next)
     }
 
-    /// Writes the end of a segment and gives it its name.
+    /// Makes safe what is in the open segment up to `time`, unless that is under way.
+    pub fn sync(&mut self, segment: &Segment, time: Timestamp) {
+        if self.syncing.as_ref() != Some(&segment.path) {
+            self.give_sync(segment, false, time);
+        }
+    }
+
+    fn give_sync(&mut self, segment: &Segment, new: bool, time: Timestamp) {
+        self.syncing = Some(segment.path.clone());
+        let (part, file) = (segment.part(), segment.durable.clone());
+        self.thread.give(Job::Sync { part, file, new, time });
+    }
+
+    /// Writes the end of a segment. It gets its name when it is safe, which is told by
+    /// [`Segments::take_done`].
     pub fn finish(&mut self, mut segment: Segment, summary: Facts) -> Result<(), SegmentError> {
         let part = segment.part();
-        segment
-            .writer
-            .finish(summary)
-            .and_then(|()| segment.writer.sync())
-            .map_err(|e| write_error(&part, &e))?;
-        self.name(segment)
+        segment.writer.finish(summary).map_err(|e| write_error(&part, &e))?;
+        self.thread.give(Job::Finish { part, path: segment.path, file: segment.durable });
+        Ok(())
+    }
+
+    /// True while the disk is waited for.
+    pub fn is_waiting(&self) -> bool {
+        self.thread.is_busy()
+    }
+
+    /// What the disk has done since this was last asked.
+    pub fn take_done(&mut self) -> Vec<Done> {
+        let done = self.thread.take_done();
+        self.enter(done)
+    }
+
+    /// Waits until the disk has done everything.
+    pub fn wait(&mut self) -> Vec<Done> {
+        let done = self.thread.wait();
+        self.enter(done)
+    }
+
+    fn enter(&mut self, done: Vec<Done>) -> Vec<Done> {
+        for done in &done {
+            match done {
+                Done::Synced { part, .. } | Done::Unsafe { part, .. } => {
+                    self.syncing.take_if(|path| part_of(path) == *part);
+                }
+                Done::Finished(path) => self.finished.push(path.clone()),
+                Done::Unfinished(_) => {}
+            }
+        }
+        done
     }
 
     /// Gives a segment whose end is written its name.
     pub fn name(&mut self, segment: Segment) -> Result<(), SegmentError> {
         let part = segment.part();
-        self.disk.rename(&part, &segment.path).map_err(|e| {
-            SegmentError(format!(
-                "cannot rename {} to {}: {e}; the recording is complete under the first name",
-                part.display(),
-                segment.path.display(),
-            ))
-        })?;
+        let named = self.disk.rename(&part, &segment.path);
+        named.map_err(|error| rename_error(&part, &segment.path, &error))?;
         self.finished.push(segment.path);
         Ok(())
     }
@@ -308,6 +391,15 @@ fn create_error(path: &Path, error: &io::Error) -> SegmentError {
         _ => "choose another place with -o or -d",
     };
     SegmentError(format!("cannot create {}: {error}; {next}", path.display()))
+}
+
+/// The sentence for a file that cannot get its name.
+pub fn rename_error(part: &Path, path: &Path, error: &io::Error) -> SegmentError {
+    SegmentError(format!(
+        "cannot rename {} to {}: {error}; the recording is complete under the first name",
+        part.display(),
+        path.display(),
+    ))
 }
 
 /// The sentence for a failed write or sync.

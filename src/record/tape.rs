@@ -2,12 +2,14 @@
 
 use super::bus::{Account, summary};
 use super::decoders::Decoders;
+use super::disk_thread::Done;
 use super::entry::Entry;
 use super::segments::{Segment, SegmentError, Segments, write_error};
 use super::session::Session;
 use crate::channels::Stream;
 use crate::frame::{Frame, Gap, GapReason, Level, Notice, Stamped, Timestamp, Unit};
 use crate::recording::definition::Facts;
+use crate::recording::writer::Head;
 
 /// Most things that wait for the first frame of a file.
 const EARLY: usize = 1000;
@@ -54,7 +56,10 @@ impl Tape {
             error: None,
             full: false,
         };
-        tape.open(session, session.timeline.now())?;
+        let now = session.timeline.now();
+        let head = tape.head(session);
+        let segment = tape.segments.open(now, &head, "")?;
+        tape.begin(segment, session);
         if let Some(retention) = &mut session.retention {
             retention.refresh();
         }
@@ -101,7 +106,7 @@ impl Tape {
         };
         if let Err(error) = entry.write(writer) {
             // Only a full channel table gets here, and a recorder has few channels.
-            return self.fail(&error, session);
+            return self.cannot_write(&error, session);
         }
         if let Entry::Frame(item) = entry {
             self.decoders.take(usize::from(item.bus), &item.frame, writer, &session.progress);
@@ -166,17 +171,61 @@ impl Tape {
                 for (bus, count) in session.buses.iter().zip(counts) {
                     bus.tally.dropped(GapReason::Disk, count);
                 }
-                self.fail(&error, session);
+                self.cannot_write(&error, session);
             }
         }
     }
 
-    /// Makes what is written safe.
-    pub fn sync(&mut self, now: Timestamp, session: &mut Session) {
-        let Some(segment) = &mut self.segment else { return };
-        match segment.writer.sync() {
-            Ok(()) => session.progress.synced(now),
-            Err(error) => self.fail(&error, session),
+    /// Has what is written made safe; [`Tape::on_done`] takes note of it.
+    pub fn sync(&mut self, now: Timestamp) {
+        if let Some(segment) = &self.segment {
+            self.segments.sync(segment, segment.writer.pending_span().map_or(now, |span| span.0));
+        }
+    }
+
+    /// True while the disk is waited for.
+    pub fn is_waiting(&self) -> bool {
+        self.segments.is_waiting()
+    }
+
+    /// Takes note of what the disk has done. True if there was something.
+    pub fn on_done(&mut self, session: &mut Session) -> bool {
+        let done = self.segments.take_done();
+        let moved = !done.is_empty();
+        for done in done {
+            self.note(done, session);
+        }
+        moved
+    }
+
+    fn note(&mut self, done: Done, session: &mut Session) {
+        let open = self.segment.as_ref().map(Segment::part);
+        match done {
+            Done::Synced { part, time } if Some(&part) == open.as_ref() => {
+                session.progress.synced(time);
+            }
+            Done::Unsafe { part, error } if Some(&part) == open.as_ref() => {
+                self.fail(error, session);
+            }
+            // A file that has failed already, or one that is being finished, which fails next.
+            Done::Synced { .. } | Done::Unsafe { .. } => {}
+            Done::Finished(_) => {
+                if let Some(retention) = &mut session.retention {
+                    retention.refresh();
+                    retention.note_events();
+                }
+            }
+            Done::Unfinished(error) => self.fail_finished(error, session),
+        }
+    }
+
+    /// An earlier file could not be finished: the open one says so, once.
+    fn fail_finished(&mut self, error: SegmentError, session: &mut Session) {
+        session.progress.notice(Level::Error, error.to_string());
+        if self.error.replace(error).is_some() {
+            session.progress.failed();
+        } else {
+            self.explain_loss(session.timeline.now(), session);
         }
     }
 
@@ -195,13 +244,17 @@ impl Tape {
         session.progress.full();
     }
 
+    fn cannot_write(&mut self, error: &std::io::Error, session: &mut Session) {
+        let Some(segment) = &self.segment else { return };
+        self.fail(write_error(&segment.part(), error), session);
+    }
+
     /// A file that could not be written stays as it is; one new one is tried, then no more.
-    fn fail(&mut self, error: &std::io::Error, session: &mut Session) {
+    fn fail(&mut self, error: SegmentError, session: &mut Session) {
         let Some(mut failed) = self.segment.take() else { return };
         for (bus, count) in failed.writer.take_counts().enumerate() {
             session.buses[bus].tally.dropped(GapReason::Disk, count);
         }
-        let error = write_error(&failed.part(), error);
         let second = self.error.is_some();
         session.progress.notice(Level::Error, error.to_string());
         self.error = Some(error);
@@ -209,11 +262,13 @@ impl Tape {
         let now = session.timeline.now();
         // Where the oldest may go, the new file has more room than the failed one.
         let room = second || session.make_room(0);
-        if !second && room && self.open(session, now).is_ok() {
-            self.explain_loss(now, session);
-            return;
+        if !second && room {
+            let head = self.head(session);
+            if let Ok(segment) = self.segments.open(now, &head, "") {
+                self.begin(segment, session);
+                return self.explain_loss(now, session);
+            }
         }
-        self.segment = None;
         session.progress.failed();
     }
 
@@ -234,36 +289,44 @@ impl Tape {
         }
     }
 
-    fn open(&mut self, session: &mut Session, now: Timestamp) -> Result<(), SegmentError> {
-        let head = session.head(self.segments.session(), self.segments.number() + 1, Vec::new());
-        let segment = self.segments.open(now, &head, "")?;
+    /// The head of the next file.
+    fn head(&self, session: &Session) -> Head {
+        session.head(self.segments.session(), self.segments.number() + 1, Vec::new())
+    }
+
+    fn begin(&mut self, segment: Segment, session: &mut Session) {
         session.progress.file(&segment.path, segment.writer.position());
         session.note_open(Some(&segment));
         self.segment = Some(segment);
         self.decoders.new_file();
         self.counts.fill(0);
-        Ok(())
     }
 
     fn next_segment(&mut self, now: Timestamp, session: &mut Session) {
         self.cut(session);
         let Some(full) = self.segment.take() else { return };
-        let finished = self.segments.finish(full, self.summary("split", session));
-        if finished.is_ok() {
-            session.note_open(None);
-            if let Some(retention) = &mut session.retention {
-                retention.refresh();
-                retention.note_events();
-            }
-            if !session.make_room(0) {
-                return self.end_full(session);
-            }
+        if let Err(error) = self.segments.finish(full, self.summary("split", session)) {
+            return self.give_up(error, session);
         }
-        if let Err(error) = finished.and_then(|()| self.open(session, now)) {
-            session.progress.notice(Level::Error, error.to_string());
-            self.error = Some(error);
-            session.progress.failed();
+        session.note_open(None);
+        if let Some(retention) = &mut session.retention {
+            retention.refresh();
         }
+        if !session.make_room(0) {
+            return self.end_full(session);
+        }
+        let head = self.head(session);
+        match self.segments.open_ahead(now, &head, "") {
+            Ok(segment) => self.begin(segment, session),
+            Err(error) => self.give_up(error, session),
+        }
+    }
+
+    /// There is no open segment, and there will be none.
+    fn give_up(&mut self, error: SegmentError, session: &Session) {
+        session.progress.notice(Level::Error, error.to_string());
+        self.error = Some(error);
+        session.progress.failed();
     }
 
     fn summary(&self, reason: &str, session: &Session) -> Facts {
@@ -291,11 +354,18 @@ impl Tape {
         Ended { streams, files, error: self.error, full: self.full }
     }
 
-    fn close(&mut self, reason: &str, session: &Session) {
-        let Some(segment) = self.segment.take() else { return };
-        let summary = self.summary(reason, session);
-        if let Err(error) = self.segments.finish(segment, summary) {
-            self.error = Some(error);
+    /// Finishes the file, and waits for the disk.
+    fn close(&mut self, reason: &str, session: &mut Session) {
+        if let Some(segment) = self.segment.take() {
+            let summary = self.summary(reason, session);
+            if let Err(error) = self.segments.finish(segment, summary) {
+                self.error = Some(error);
+            }
+        }
+        for done in self.segments.wait() {
+            if let Done::Unfinished(error) = done {
+                self.error = Some(error);
+            }
         }
     }
 }

@@ -4,11 +4,12 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, Write};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Where files are made.
-pub trait Disk: Send {
+pub trait Disk: Send + Sync {
     /// Creates a file that must not exist yet, readable by its owner and group only.
-    fn create(&self, path: &Path) -> io::Result<Box<dyn OutputFile>>;
+    fn create(&self, path: &Path) -> io::Result<Created>;
 
     /// Gives a file its final name and makes that durable. An existing file stays as it is.
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()>;
@@ -26,6 +27,20 @@ pub trait Disk: Send {
     fn capacity(&self, folder: &Path) -> io::Result<u64>;
 }
 
+/// A new file, for who writes it and for who waits until it is safe.
+pub struct Created {
+    /// To write it.
+    pub file: Box<dyn OutputFile>,
+    /// To sync it meanwhile.
+    pub durable: Arc<dyn Durable>,
+}
+
+/// A file that another thread is writing.
+pub trait Durable: Send + Sync {
+    /// Returns when everything written so far would survive a power cut.
+    fn sync(&self) -> io::Result<()>;
+}
+
 /// A file being written.
 pub trait OutputFile: Write + Send {
     /// Returns when everything written so far would survive a power cut.
@@ -37,13 +52,15 @@ pub trait OutputFile: Write + Send {
 pub struct RealDisk;
 
 impl Disk for RealDisk {
-    fn create(&self, path: &Path) -> io::Result<Box<dyn OutputFile>> {
+    fn create(&self, path: &Path) -> io::Result<Created> {
         let file = OpenOptions::new().write(true).create_new(true).mode(0o640).open(path)?;
         // Tells everybody that it is being written, for as long as it is open. The name is new, so
         // at most somebody who looks whether it is locked has to be waited for. Where a file system
         // has no locks, nobody can be told.
         file.lock().ok();
-        Ok(Box::new(file))
+        // One open file with two handles: an error that a sync meets is told to either, once.
+        let durable = Arc::new(file.try_clone()?);
+        Ok(Created { file: Box::new(file), durable })
     }
 
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
@@ -83,6 +100,12 @@ impl Disk for RealDisk {
     }
 }
 
+impl Durable for File {
+    fn sync(&self) -> io::Result<()> {
+        self.sync_data()
+    }
+}
+
 impl OutputFile for File {
     fn sync(&mut self) -> io::Result<()> {
         self.sync_data()
@@ -93,6 +116,15 @@ impl OutputFile for File {
 pub fn is_same(file: &Path, other: &Path) -> bool {
     let identity = |path: &Path| path.metadata().ok().map(|about| (about.dev(), about.ino()));
     identity(file).is_some_and(|found| Some(found) == identity(other))
+}
+
+/// True if another process writes the file, as [`RealDisk`] does: it holds its lock.
+pub fn is_locked(file: &File) -> bool {
+    let locked = matches!(file.try_lock_shared(), Err(std::fs::TryLockError::WouldBlock));
+    if !locked {
+        file.unlock().ok();
+    }
+    locked
 }
 
 /// The process that has locked a file, as `/proc/locks` tells (proc(5)).

@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 use mcap::records::op;
 
 use super::definition::Facts;
+use super::disk::is_locked;
 use super::limits::{MAX_DEFINITIONS, MAX_RECORD, MAX_SUMMARY};
 use super::records::{
     self, AttachmentIndex, Channel, ChunkHead, ChunkRef, HEAD, Message, Record, Schema, Statistics,
@@ -45,6 +46,8 @@ pub struct Segment {
     pub size: u64,
     /// How it ends.
     pub ending: Ending,
+    /// It has no end because somebody is still writing it; the last bytes may be a part of a record.
+    pub is_growing: bool,
     /// Its schemas, by id.
     pub schemas: BTreeMap<u16, Schema>,
     /// Its channels, by id.
@@ -85,6 +88,7 @@ impl Segment {
         }
         let mut segment = Self::blank(path, file, about.len());
         if !segment.open_by_summary().map_err(failed)? {
+            segment.is_growing = is_locked(&segment.file);
             segment.scan().map_err(failed)?;
         }
         Ok(segment)
@@ -109,6 +113,7 @@ impl Segment {
             path: path.to_owned(),
             size,
             ending: Ending::Finished,
+            is_growing: false,
             schemas: BTreeMap::new(),
             channels: BTreeMap::new(),
             statistics: Statistics::default(),

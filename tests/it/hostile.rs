@@ -228,6 +228,37 @@ fn a_chunk_that_unpacks_to_gigabytes_stops_at_the_limit() {
     }
 }
 
+#[test]
+fn a_hundred_thousand_empty_chunks_are_read_past() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("chunks.mcap");
+    let (_, sound) = sound(folder.path(), Layout::Frame);
+    let parsed = mcap::parse(&sound, true).unwrap();
+    let (_, first_chunk) = *parsed.records.iter().find(|(opcode, _)| *opcode == 6).unwrap();
+    let mut empty = Vec::new();
+    for number in [START, START, 0] {
+        empty.extend_from_slice(&u64::to_le_bytes(number));
+    }
+    empty.extend_from_slice(&[0; 4]);
+    empty.extend_from_slice(&0u32.to_le_bytes());
+    empty.extend_from_slice(&0u64.to_le_bytes());
+    let empty = record(6, &empty);
+    let (head, rest) = sound.split_at(first_chunk);
+    let bytes = [head, &empty.repeat(100_000), rest].concat();
+    std::fs::write(&file, bytes).unwrap();
+    // Its index points beside what it means, so nothing but walking the file finds the frames.
+    for which in 0..6 {
+        survives(which, &file, "empty chunks");
+    }
+    let original = folder.path().join("frame.mcap");
+    let [ours, theirs] =
+        [&file, &original].map(|path| bustape(args(&[&"cat", &"--topics", &"*", path])).out);
+    assert!(!ours.is_empty() && ours == theirs);
+    let recovered = folder.path().join("recovered.mcap");
+    bustape(args(&[&"recover", &file, &"-o", &recovered]));
+    assert_eq!(mcap::finished(&recovered).messages, parsed.messages);
+}
+
 /// A batch of 65,536 empty frames in two bytes each.
 pub fn dense_batch() -> Vec<u8> {
     let zeros = vec![0; 65_536];

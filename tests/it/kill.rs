@@ -1,5 +1,6 @@
 //! What a kill leaves.
 
+use std::ffi::OsStr;
 use std::io::Write as _;
 use std::path::Path;
 use std::time::Duration;
@@ -188,7 +189,7 @@ fn a_kill_while_the_file_gets_its_name_leaves_one_recording() {
         let inject = format!("inject={call}:signal=SIGKILL:when=1");
         let running = start_injected(
             &[&format!("trace={call}"), &inject],
-            &[],
+            &[&part],
             args(&[&"record", &"sim:hmi-can", &"-o", &path, &"--count", &"20", &"--sync", &"1h"]),
         );
         assert!(running.wait().status.code().is_none(), "not killed in {call}");
@@ -198,4 +199,46 @@ fn a_kill_while_the_file_gets_its_name_leaves_one_recording() {
         let cat = bustape(args(&[&"cat", &folder])).expect(0).out;
         assert_eq!(cat.lines().count(), 20, "after a kill in {call}");
     }
+}
+
+#[test]
+fn while_the_disk_takes_its_time_what_comes_is_written_and_a_kill_does_not_take_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, terminal) = (folder.path().join("out"), folder.path().join("tty"));
+    std::fs::create_dir(&out).unwrap();
+    // The syncs of the first file's head and of its first chunks are quick; then none ever ends, nor does
+    // what finishes that file and begins the next.
+    let slow = ["trace=fdatasync", "inject=fdatasync:delay_enter=600000000:when=3+"];
+    let line = format!("line=pty:{}", terminal.display());
+    let options: [&dyn AsRef<OsStr>; 9] =
+        [&"record", &line, &"-d", &out, &"--sync", &"100ms", &"--split-time", &"2s", &"--json"];
+    let running = start_injected(&slow, &[], args(&options));
+    let mut line = open(&terminal);
+    let mut sent = Vec::new();
+    // Until there are three files, of which none has its final name, and for as long again.
+    for round in 0..1200_u32 {
+        let text = format!("{round:06}\n");
+        line.write_all(text.as_bytes()).unwrap();
+        sent.extend_from_slice(text.as_bytes());
+        until("what was just said is in a file", || {
+            let files = crate::windows::files(&out);
+            let kept = files.iter().flat_map(|path| messages::streams(&mcap::cut(path), "line").0);
+            (kept.count() == sent.len()).then_some(())
+        });
+        let files = crate::windows::files(&out);
+        if files.len() == 3 && !messages::streams(&mcap::cut(&files[2]), "line").0.is_empty() {
+            break;
+        }
+    }
+    running.kill();
+    let files = crate::windows::files(&out);
+    assert_eq!(files.len(), 3, "{files:?}");
+    assert!(files.iter().all(|path| path.extension().is_some_and(|ending| ending == "part")));
+    // All but the last are complete, and the next start gives them their names.
+    bustape(args(&[&"recover", &"--in-place", &out])).expect(0);
+    let mut files = crate::windows::files(&out);
+    files.retain(|path| path.extension().is_some_and(|ending| ending == "mcap"));
+    let kept: Vec<u8> =
+        files.iter().flat_map(|path| messages::streams(&mcap::finished(path), "line").0).collect();
+    assert!(files.len() == 3 && kept == sent, "{files:?}");
 }

@@ -33,6 +33,7 @@ mod errors;
 mod export;
 mod export_protocols;
 mod export_trouble;
+mod floods;
 mod foxglove;
 mod hostile;
 mod hostile_logs;

@@ -343,6 +343,38 @@ fn what_is_no_recording_is_not_recovered() {
 }
 
 #[test]
+fn what_was_left_before_anything_was_in_it_is_set_aside_and_holds_nothing_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let name = |name: &str| folder.path().join(name);
+    let (_, sound) = crate::hostile::sound(folder.path(), Layout::Frame);
+    std::fs::remove_file(name("frame.mcap")).unwrap();
+    // A head that did not reach the disk, a name without a byte, and something else by that name.
+    std::fs::write(name("p_s0001_0001_20260101T000000Z.mcap.part"), &sound[..30]).unwrap();
+    std::fs::write(name("p_s0002_0001_20260101T000000Z.mcap.part"), b"").unwrap();
+    std::fs::write(name("p_s0003_0001_20260101T000000Z.mcap.part"), &sound[..sound.len() / 2])
+        .unwrap();
+    let ran = bustape(args(&[&"recover", &"--in-place", &folder.path()])).expect(0);
+    assert!(ran.err.contains("was left before anything was recorded into it"), "{}", ran.err);
+    assert!(ran.err.contains("was left empty, and was removed"), "{}", ran.err);
+    let mut left: Vec<String> = crate::support::files(folder.path());
+    left.sort();
+    let kept = [
+        "1_0001_20260101T000000Z.mcap.damaged",
+        "3_0001_20260101T000000Z.mcap",
+        "3_0001_20260101T000000Z.mcap.damaged",
+    ];
+    assert_eq!(left, kept.map(|name| format!("p_s000{name}")));
+    assert_eq!(std::fs::read(name(&left[0])).unwrap(), sound[..30]);
+    // Where one of several cannot be recovered at all, the others are.
+    std::fs::write(name("noise.mcap"), crate::support::bytes::noise(3, 5000)).unwrap();
+    std::fs::write(name("p_s0004_0001_20260101T000000Z.mcap.part"), &sound[..sound.len() / 2])
+        .unwrap();
+    let ran = bustape(args(&[&"recover", &"--in-place", &folder.path()])).expect(1);
+    assert!(ran.err.contains("1 of 3 files could not be recovered"), "{}", ran.err);
+    mcap::finished(&name("p_s0004_0001_20260101T000000Z.mcap"));
+}
+
+#[test]
 fn what_a_crash_left_is_recovered_when_the_next_recording_starts() {
     let folder = tempfile::tempdir().unwrap();
     let record =

@@ -10,8 +10,8 @@ use std::time::Duration;
 
 use nix::sys::signal::Signal;
 
-use crate::support::process::{BUSTAPE, Running, args, bustape, spawn};
-use crate::support::until;
+use crate::support::process::{BUSTAPE, Running, args, bustape, spawn, start_injected};
+use crate::support::{mcap, messages, until};
 
 /// A recorder whose service manager is `manager`, under `strace` if there are options for it.
 fn serve(folder: &Path, manager: &str, strace: &[&str]) -> Running {
@@ -99,6 +99,24 @@ fn a_hanging_disk_ends_the_signs_of_life_although_capture_goes_on() {
         (silent.len() >= 27).then_some(())
     });
     running.kill();
+}
+
+#[test]
+fn a_disk_that_does_not_answer_is_told_and_stands_in_the_file_afterwards() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let slow = ["trace=fdatasync", "inject=fdatasync:delay_enter=6000000:when=3"];
+    let options = args(&[&"record", &"sim:hmi-can", &"-o", &path, &"--sync", &"100ms"]);
+    let running = start_injected(&slow, &[], options);
+    let part = folder.path().join("a.mcap.part");
+    let said = "the disk did not answer for ";
+    until("the sentence in the file", || {
+        let file = part.exists().then(|| mcap::cut(&part))?;
+        messages::decoded(&file).any(|(_, m)| format!("{m:?}").contains(said)).then_some(())
+    });
+    let ran = running.stop().expect(0);
+    assert_eq!(ran.err.matches("the disk has not answered for ").count(), 1, "{}", ran.err);
+    assert!(ran.err.contains(said), "{}", ran.err);
 }
 
 #[test]

@@ -12,7 +12,10 @@ use crate::support::terminal::open;
 use crate::support::{station, until};
 
 /// Each sync after the first takes this long, in microseconds.
-const SLOW: [&str; 2] = ["trace=fdatasync", "inject=fdatasync:delay_enter=900000:when=2+"];
+const SLOW_SYNC: [&str; 2] = ["trace=fdatasync", "inject=fdatasync:delay_enter=900000:when=2+"];
+
+/// Each write but those of the head does.
+const SLOW_WRITE: [&str; 2] = ["trace=write", "inject=write:delay_enter=600000:when=8+"];
 
 #[test]
 fn bytes_that_a_slow_disk_costs_are_counted_and_placed_exactly() {
@@ -20,8 +23,8 @@ fn bytes_that_a_slow_disk_costs_are_counted_and_placed_exactly() {
     let (path, part) = (folder.path().join("a.mcap"), folder.path().join("a.mcap.part"));
     let terminal = folder.path().join("tty");
     let running = start_injected(
-        &SLOW,
-        &[],
+        &SLOW_WRITE,
+        &[&part],
         args(&[
             &"record",
             &format!("line=pty:{}", terminal.display()),
@@ -30,8 +33,6 @@ fn bytes_that_a_slow_disk_costs_are_counted_and_placed_exactly() {
             &"--json",
             &"--queue",
             &"64KiB",
-            &"--sync",
-            &"100ms",
         ]),
     );
     let sent = noise(3, 3_000_000);
@@ -88,10 +89,10 @@ fn one(file: &mcap::Mcap, message: &mcap::Message) -> Raw {
 fn frames_that_a_slow_disk_costs_are_counted_and_placed_exactly() {
     for layout in ["frame", "batch"] {
         let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("a.mcap");
+        let (path, part) = (folder.path().join("a.mcap"), folder.path().join("a.mcap.part"));
         let running = start_injected(
-            &SLOW,
-            &[],
+            &SLOW_WRITE,
+            &[&part],
             args(&[
                 &"record",
                 &"can=sim:hmi-can",
@@ -100,8 +101,6 @@ fn frames_that_a_slow_disk_costs_are_counted_and_placed_exactly() {
                 &"--json",
                 &"--queue",
                 &"2KiB",
-                &"--sync",
-                &"100ms",
                 &"--layout",
                 &layout,
                 &"--duration",
@@ -130,13 +129,13 @@ fn frames_that_a_slow_disk_costs_are_counted_and_placed_exactly() {
     }
 }
 
-#[test]
-fn a_slow_disk_costs_nothing_while_the_queue_has_room() {
+/// With this queue, and while this is slow, nothing is lost.
+fn costs_nothing(slow: &[&str], queue: &str) {
     let folder = tempfile::tempdir().unwrap();
-    let path = folder.path().join("a.mcap");
+    let (path, part) = (folder.path().join("a.mcap"), folder.path().join("a.mcap.part"));
     let running = start_injected(
-        &SLOW,
-        &[],
+        slow,
+        &[&part],
         args(&[
             &"record",
             &"sim:hmi-can",
@@ -148,10 +147,22 @@ fn a_slow_disk_costs_nothing_while_the_queue_has_room() {
             &"100ms",
             &"--duration",
             &"2s",
+            &"--queue",
+            &queue,
         ]),
     );
     let ran = running.wait().expect(0);
     let file = mcap::finished(&path);
     balanced(&ran, &file);
     crate::record::from_the_beginning(&file, &messages::cans(&file, "hmi-can"));
+}
+
+#[test]
+fn slow_writes_cost_nothing_while_the_queue_has_room() {
+    costs_nothing(&SLOW_WRITE, "16MiB");
+}
+
+#[test]
+fn slow_syncs_cost_nothing_at_all() {
+    costs_nothing(&SLOW_SYNC, "2KiB");
 }

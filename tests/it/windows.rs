@@ -46,7 +46,8 @@ fn received(folder: &Path, frames: u64) {
     });
 }
 
-fn files(folder: &Path) -> Vec<PathBuf> {
+/// The files in a folder, by name.
+pub fn files(folder: &Path) -> Vec<PathBuf> {
     let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
     let mut files: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
     files.retain(|path| path.is_file());

@@ -84,12 +84,11 @@ fn fuzz(job: &Job, kind: Kind) -> Found {
     let originals = job.folder.join("originals");
     std::fs::create_dir_all(&originals).expect("a folder");
     hostile::originals(kind, &originals, &job.bustape);
-    let count = match kind {
-        Kind::Cuts => {
-            job.count.min(hostile::read(&originals).iter().map(|(_, b)| b.len() as u64).sum())
-        }
-        _ => job.count,
+    let all = match kind {
+        Kind::Cuts => Some(hostile::read(&originals).iter().map(|(_, b)| b.len() as u64).sum()),
+        Kind::Recordings | Kind::Definitions => None,
     };
+    let count = job.count.min(all.unwrap_or(u64::MAX));
     let blocks = Job {
         count: count.div_ceil(BLOCK),
         folder: job.folder.clone(),
@@ -107,8 +106,11 @@ fn fuzz(job: &Job, kind: Kind) -> Found {
         let output = command.stderr(Stdio::piped()).output().expect("it starts");
         let said = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.success(), "block {first}: {} {said}", output.status);
+        // What was broken, and where it is kept: at once, for the series may be long.
+        eprint!("{said}");
         serde_json::from_slice::<Value>(&output.stdout).unwrap_or_else(|e| panic!("{e}: {said}"))
     });
+    found.all = all;
     found.done = results.iter().map(|r| r["done"].as_u64().unwrap()).sum();
     let most = |key: &str| results.iter().filter_map(|r| r[key].as_u64()).max().unwrap_or(0);
     let sum = |code: &str| results.iter().filter_map(|r| r["exits"][code].as_u64()).sum::<u64>();
@@ -203,11 +205,9 @@ impl Worker {
                 let kept = std::env::temp_dir().join(format!("soak-{}-{edit}", self.kind.name()));
                 std::fs::copy(self.folder.join(name), &kept).ok();
                 let line = self.commands[which][1..].join(" ");
-                broken.push(format!(
-                    "seed {} edit {edit}, {line} ({}): {why}",
-                    self.seed,
-                    kept.display()
-                ));
+                let why = format!("seed {} edit {edit}, {line}: {why}", self.seed);
+                eprintln!("  BROKEN (kept in {}): {why}", kept.display());
+                broken.push(why);
             }
             self.tidy(name);
         }

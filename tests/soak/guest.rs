@@ -65,6 +65,7 @@ fn in_lab(job: &Job, what: &str) -> Found {
         .filter_map(|pair| Some((pair[0].as_str()?.to_owned(), pair[1].as_str()?.to_owned())));
     Found {
         done: result["done"].as_u64().unwrap_or(0),
+        all: None,
         numbers: numbers.collect(),
         violations: texts("violations"),
     }

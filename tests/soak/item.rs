@@ -42,6 +42,8 @@ pub struct Job {
 pub struct Found {
     /// Runs that were done.
     pub done: u64,
+    /// How many there are at all, where that is fewer than the item's number.
+    pub all: Option<u64>,
     /// Names and numbers for the report.
     pub numbers: Vec<(String, String)>,
     /// Broken promises, each with what is needed to see it again.
@@ -64,7 +66,7 @@ impl Found {
     /// As it is kept in `target/soak/`.
     pub fn json(&self) -> Value {
         let numbers: Vec<Value> = self.numbers.iter().map(|(k, v)| json!([k, v])).collect();
-        json!({ "done": self.done, "numbers": numbers, "violations": self.violations })
+        json!({ "done": self.done, "all": self.all, "numbers": numbers, "violations": self.violations })
     }
 }
 

@@ -31,6 +31,8 @@ mod disk;
 mod disklog;
 mod disks;
 mod feed;
+#[path = "../it/floods.rs"]
+mod floods;
 mod fuzz;
 mod guest;
 mod hostile;
@@ -71,6 +73,7 @@ const ITEMS: &[Item] = &[
     serial::ITEM,
     power::EXT4,
     power::VFAT,
+    serial::FLOODS,
     guest::DROPS,
     guest::LINKS,
     guest::STEPS,

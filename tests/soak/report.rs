@@ -39,7 +39,8 @@ pub fn write(items: &[Item]) {
             let _ = writeln!(details, "- {name}: {value}");
         }
         for violation in result["violations"].as_array().into_iter().flatten() {
-            let _ = writeln!(details, "- **broken**: {}", violation.as_str().unwrap_or_default());
+            let lines = violation.as_str().unwrap_or_default().lines();
+            let _ = writeln!(details, "- **broken**: {}", lines.collect::<Vec<_>>().join(" "));
         }
     }
     text.push_str(&details);
@@ -56,7 +57,8 @@ pub fn write(items: &[Item]) {
 fn row(text: &mut String, item: &Item, result: &Value) {
     let number = |key: &str| result[key].as_u64().unwrap_or(0);
     let done = number("done");
-    let of = if done < item.count { format!(" of {}", item.count) } else { String::new() };
+    let all = result["all"].as_u64().unwrap_or(item.count);
+    let of = if done < all { format!(" of {all}") } else { String::new() };
     let broken = result["violations"].as_array().map_or(0, Vec::len);
     let time = std::time::UNIX_EPOCH + std::time::Duration::from_secs(number("ended"));
     let day = jiff::Timestamp::try_from(time).map(|t| t.strftime("%Y-%m-%d %H:%M").to_string());

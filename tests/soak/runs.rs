@@ -58,7 +58,8 @@ pub fn runs<R: Send>(job: &Job, work: impl Fn(Run<'_>) -> R + Sync) -> (Found, V
                     match result {
                         Ok(result) => found.1.push(result),
                         Err(why) => {
-                            eprintln!("  BROKEN: {why}");
+                            let kept = job.folder.join(number.to_string());
+                            eprintln!("  BROKEN (kept in {}): {why}", kept.display());
                             found.0.violations.push(why);
                         }
                     }
@@ -91,8 +92,9 @@ fn one<R>(job: &Job, number: u64, work: &impl Fn(Run<'_>) -> R) -> Result<R, Str
             Ok(result)
         }
         Err(_) => {
-            let kept = folder.display();
-            Err(format!("run {number} of seed {} ({kept}): {}", job.seed, said()))
+            // Where this machine has its temporary folders is nothing to anybody else.
+            let said = said().replace(&format!("{}/", folder.display()), "");
+            Err(format!("run {number} of seed {}: {said}", job.seed))
         }
     }
 }

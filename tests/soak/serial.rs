@@ -9,6 +9,7 @@ use std::time::{Duration, Instant, SystemTime};
 use super::item::{Found, Item, Job, spread};
 use super::kills::start;
 use super::runs::{Run, runs};
+use crate::floods;
 use crate::record::{in_order, weight};
 use crate::support::messages::{self, LINK_DOWN};
 use crate::support::process::{Running, args};
@@ -27,6 +28,25 @@ pub const ITEM: Item = Item {
     unit: "cycles",
     side_by_side: 5,
     run,
+};
+
+pub const FLOODS: Item = Item {
+    name: "floods",
+    promise: "serial bytes that never become a frame (a line without an end, SLIP escapes and ends, lengths of 4 GiB, \
+              no pause), 1 GiB of each, decoded meanwhile: every byte recorded, memory grows by less than 32 MiB",
+    count: floods::FLOODS.len() as u64,
+    unit: "floods",
+    side_by_side: 2,
+    run: |job| {
+        let (mut found, grown) = runs(job, |run| {
+            let flood = &floods::FLOODS[run.number as usize % floods::FLOODS.len()];
+            (flood.name, floods::is_recorded(flood, 1 << 30, run.bustape, run.folder))
+        });
+        for (name, grown) in grown {
+            found.number(name, format!("memory grew by {grown} KiB"));
+        }
+        found
+    },
 };
 
 struct Cycle {

@@ -25,7 +25,7 @@ pub fn bustape(args: &[&str]) -> Output {
 pub fn cat(file: &Path, options: &[&str]) -> Vec<String> {
     let output = Command::new(BUSTAPE).arg("cat").arg(file).args(options).output();
     let output = output.expect("bustape runs");
-    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(output.status.success(), "{}: {}", output.status, text(&output.stderr));
     text(&output.stdout).lines().map(str::to_owned).collect()
 }
 

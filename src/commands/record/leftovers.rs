@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 
 use crate::commands::record::Plan;
 use crate::frame::Level;
-use crate::record::leftovers::{Recovered, leftovers, recover_in_place};
+use crate::record::leftovers::{Recovered, leftovers, nothing_in, recover_in_place};
 use crate::record::{Progress, Target, WINDOWS};
 use crate::recording::disk::{Disk as _, RealDisk};
 use crate::text::size;
@@ -88,6 +88,9 @@ impl Leftovers {
                 );
                 let level = if report.is_whole() { Level::Info } else { Level::Warning };
                 progress.remark(level, text);
+            }
+            Ok(Recovered::Nothing { aside }) => {
+                progress.remark(Level::Info, nothing_in(file, aside.as_deref()));
             }
             Ok(Recovered::Sound(_) | Recovered::Stopped) => {}
             Err(error) => {

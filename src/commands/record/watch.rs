@@ -1,12 +1,13 @@
 //! What goes on beside the sources: signals, the clock, the writer's state, the status line.
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::{Context as _, Result};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::board::Board;
+use super::patience::{Patience, Word};
 use super::plan::Plan;
 use super::service::Service;
 use crate::clock::Timeline;
@@ -22,6 +23,8 @@ pub struct Watch<'a> {
     pub board: Option<Board>,
     /// Who started this recorder as a service.
     pub service: Service,
+    /// How long the writer has waited for the disk.
+    pub patience: Patience,
     /// Names of the buses, and what is counted on them.
     pub buses: &'a [(String, Unit)],
     /// The recording's timeline.
@@ -84,11 +87,24 @@ impl Watch<'_> {
                     let now = self.timeline.now();
                     self.status.show(started, now, &totals, &state);
                     self.service.go_on(&totals, &state);
+                    self.tell_stall(state.rounds);
                     if let Some(board) = &mut self.board {
                         board.show(now, self.buses, &totals, &state);
                     }
                 }
             }
+        }
+    }
+
+    /// Says that the disk does not answer, and puts it into the file once that can be written.
+    fn tell_stall(&mut self, rounds: u64) {
+        match self.patience.look(rounds, Instant::now()) {
+            None => {}
+            Some(Word::Waiting(text)) => {
+                self.status.clear();
+                output::warning(&text);
+            }
+            Some(Word::Over(text)) => self.progress.remark(Level::Warning, text),
         }
     }
 

@@ -11,10 +11,14 @@ mod packed;
 mod tests;
 mod window;
 
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
 use crate::channels::{Definition, Stream};
 use crate::frame::{Level, Timestamp};
 use crate::trigger::Fired;
 
+use super::disk_thread::Done;
 use super::entry::Entry;
 use super::recorder::Outcome;
 use super::segments::Segments;
@@ -47,6 +51,8 @@ pub struct Windows {
     memory: Memory,
     /// The window being written; at most one, since those that overlap are one.
     open: Option<Window>,
+    /// Windows that are complete once their last file has its name, and their firings.
+    ending: BTreeMap<PathBuf, u64>,
     /// What comes next for it.
     next: Place,
     /// The first thing that was too late for it.
@@ -80,6 +86,7 @@ impl Windows {
             definitions,
             memory: Memory::new(keeping.memory, buses),
             open: None,
+            ending: BTreeMap::new(),
             next: Place::default(),
             skipped: None,
             up_to_date: true,
@@ -184,12 +191,9 @@ impl Windows {
                 let time = self.passed.min(open.span.to);
                 open.pass(time, session);
             }
-            let mut done = open.cut_when_due(now, session);
+            let done = open.cut_when_due(now, session);
             if syncs && done.is_ok() {
-                done = open.sync();
-                if self.keeping.only && done.is_ok() {
-                    session.progress.synced(now);
-                }
+                open.sync(now, &mut self.segments);
             }
             let done = done.and_then(|()| open.split_when_full(now, &mut self.segments, session));
             self.check(done, session);
@@ -223,6 +227,48 @@ impl Windows {
             let done = open.add(&found.entry, session);
             self.check(done, session);
         }
+    }
+
+    /// True while the disk is waited for.
+    pub fn is_waiting(&self) -> bool {
+        self.segments.is_waiting()
+    }
+
+    /// Takes note of what the disk has done. True if there was something.
+    pub fn on_done(&mut self, session: &mut Session) -> bool {
+        let done = self.segments.take_done();
+        let moved = !done.is_empty();
+        for done in done {
+            self.note(done, session);
+        }
+        moved
+    }
+
+    fn note(&mut self, done: Done, session: &mut Session) {
+        let open = self.open.as_ref().map(Window::part);
+        match done {
+            Done::Synced { part, time } if Some(&part) == open.as_ref() => {
+                if self.keeping.only {
+                    session.progress.synced(time);
+                }
+            }
+            Done::Unsafe { part, error } if Some(&part) == open.as_ref() => {
+                self.check(Err(Trouble::Other(error)), session);
+            }
+            // A window that has failed already, or one that is being finished, which fails next.
+            Done::Synced { .. } | Done::Unsafe { .. } => {}
+            Done::Finished(path) => self.complete(&path, session),
+            Done::Unfinished(error) => self.fail(error, session),
+        }
+    }
+
+    /// A file has its name; with the last one a window is complete.
+    fn complete(&mut self, path: &Path, session: &mut Session) {
+        let Some(firings) = self.ending.remove(path) else { return };
+        self.failures = 0;
+        let name = path.file_name().unwrap_or_default().display();
+        let times = if firings == 1 { "" } else { "s" };
+        session.remark(Level::Info, format!("{name} is complete: {firings} firing{times}"));
     }
 
     fn check(&mut self, done: Result<(), Trouble>, session: &mut Session) {
@@ -265,11 +311,7 @@ impl Windows {
         match open.finish(reason, &mut self.segments, session) {
             Ok(Finished { path, span, incomplete }) => {
                 self.incomplete |= incomplete;
-                self.failures = 0;
-                let name = path.file_name().unwrap_or_default().display();
-                let times = if span.firings == 1 { "" } else { "s" };
-                let text = format!("{name} is complete: {} firing{times}", span.firings);
-                session.remark(Level::Info, text);
+                self.ending.insert(path, span.firings);
             }
             Err(error) => self.fail(error, session),
         }
@@ -312,6 +354,9 @@ impl Windows {
     /// The recording ends: so does the open window.
     pub fn finish(mut self, reason: &str, session: &mut Session, outcome: &mut Outcome) {
         self.close(reason, session);
+        for done in self.segments.wait() {
+            self.note(done, session);
+        }
         self.memory.expire(Timestamp(u64::MAX), Place::LAST, |bus, count| {
             if self.keeping.only {
                 session.buses[bus].tally.outside(count);

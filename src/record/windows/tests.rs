@@ -98,8 +98,8 @@ proptest! {
         let layout = if batch { Layout::Batch } else { Layout::Frame };
         let options = WriterOptions { layout, ..WriterOptions::default() };
         let target = Target::Folder(folder.path().to_owned(), "t".to_owned());
-        let segments = Segments::new(Box::new(RealDisk), target, Split::default(), options).unwrap();
-        let row = segments.windows(Box::new(RealDisk)).unwrap();
+        let segments = Segments::new(Arc::new(RealDisk), target, Split::default(), options).unwrap();
+        let row = segments.windows().unwrap();
         let keeping = Keeping { reach: 300 * MILLI, memory: 1 << 20, only };
         let mut windows = Windows::new(keeping, row, vec![None, None], 2);
         // The model: all frames, and the windows as intervals.

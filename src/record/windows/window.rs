@@ -222,9 +222,15 @@ impl Window {
         }
     }
 
-    /// Makes what is written safe.
-    pub fn sync(&mut self) -> Result<(), Trouble> {
-        Ok(self.segment.writer.sync()?)
+    /// Has what is written made safe.
+    pub fn sync(&self, now: Timestamp, segments: &mut Segments) {
+        let time = self.segment.writer.pending_span().map_or(now, |span| span.0);
+        segments.sync(&self.segment, time);
+    }
+
+    /// The name its file has now.
+    pub fn part(&self) -> PathBuf {
+        self.segment.part()
     }
 
     /// Goes on in another file, if this one is full.
@@ -248,7 +254,7 @@ impl Window {
         Ok(segments.finish(full, summary)?)
     }
 
-    /// Writes the end of the file and gives it its name.
+    /// Writes the end of the file, which gets its name once it is safe.
     pub fn finish(
         mut self,
         reason: &str,
@@ -326,12 +332,12 @@ fn create(
     let more = vec![("bustape.window".to_owned(), span.facts(part, only))];
     let head = session.head(segments.session(), segments.number() + 1, more);
     let time = if part == 1 { span.from } else { head.time };
-    segments.open(time, &head, &span.label())
+    segments.open_ahead(time, &head, &span.label())
 }
 
 /// A window that has ended.
 pub struct Finished {
-    /// Its last file.
+    /// The name its last file gets.
     pub path: PathBuf,
     /// What it was about.
     pub span: Span,

@@ -127,7 +127,8 @@ impl Running {
 
     /// Ends it as a power failure would, as far as it can tell.
     pub fn kill(self) -> Ran {
-        self.signal(Signal::SIGKILL);
+        // The group: a thread whose call strace delays ends only when strace does.
+        kill(Pid::from_raw(-(self.child.id() as i32)), Signal::SIGKILL).expect("it is ours");
         let ran = self.wait();
         assert_eq!(ran.status.signal(), Some(Signal::SIGKILL as i32), "{ran:?}");
         ran

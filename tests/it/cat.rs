@@ -13,6 +13,7 @@ use bustape::recording::writer::Layout;
 use serde_json::{Value, json};
 
 use crate::support::make::{SECOND, START, at, head, make, make_with};
+use crate::support::mcap;
 use crate::support::process::{BUSTAPE, args, bustape};
 
 /// One of each kind, a quarter of a second apart.
@@ -277,4 +278,29 @@ fn nothing_in_a_file_can_drive_the_terminal() {
             }
         }
     }
+}
+
+#[test]
+fn the_half_record_of_a_file_that_is_being_written_is_no_loss() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    make(&path, Layout::Frame, &["can0", "rect"], &frames());
+    let whole = mcap::finished(&path);
+    let (_, chunk) = *whole.records.iter().find(|(opcode, _)| *opcode == 6).unwrap();
+    // A write of another chunk, of which a half has reached the file.
+    let mut bytes = std::fs::read(&path).unwrap();
+    let again = bytes[chunk..chunk + 100].to_vec();
+    bytes.truncate(whole.records.iter().find(|(opcode, _)| *opcode == 0x0F).unwrap().1);
+    bytes.extend(again);
+    let part = folder.path().join("b.mcap.part");
+    std::fs::write(&part, bytes).unwrap();
+    let writer = std::fs::File::open(&part).unwrap();
+    writer.lock().unwrap();
+    let growing = bustape(args(&[&"cat", &part])).expect(0);
+    let by = format!("its recorder (process {}) is still running", std::process::id());
+    assert!(growing.err.contains(&by), "{}", growing.err);
+    writer.unlock().unwrap();
+    let cut = bustape(args(&[&"cat", &part])).expect(3);
+    assert!(cut.err.contains("100 bytes behind that cannot be read"), "{}", cut.err);
+    assert!(!cut.out.is_empty() && cut.out == growing.out);
 }

@@ -6,6 +6,7 @@ pub mod can_frame;
 pub mod chunk;
 pub mod container;
 pub mod definition;
+pub mod descriptor;
 pub mod disk;
 pub mod event;
 pub mod limits;

@@ -3,9 +3,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use prost::Message as _;
-use prost_reflect::{DescriptorPool, DynamicMessage, Kind, MessageDescriptor, Value};
+use prost_reflect::{DynamicMessage, Kind, MessageDescriptor, Value};
 
 use super::definition::Facts;
+use super::descriptor;
 use super::records::{Channel, Schema};
 use super::rewrite::Change;
 use super::schema::bustape::Gap;
@@ -163,7 +164,7 @@ fn times_of(schema: Option<&Schema>) -> Times {
     if schema.name == "bustape.Gap" {
         return Times::Gap;
     }
-    let pool = DescriptorPool::decode(&schema.data[..]).ok();
+    let pool = descriptor::types(&schema.data);
     let kind = pool.and_then(|pool| pool.get_message_by_name(&schema.name));
     kind.filter(|kind| has_timestamp(kind, &mut BTreeSet::new()))
         .map_or(Times::None, Times::Timestamps)

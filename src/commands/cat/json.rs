@@ -2,10 +2,11 @@
 
 use std::collections::HashMap;
 
-use prost_reflect::{DescriptorPool, DynamicMessage, MessageDescriptor, SerializeOptions};
+use prost_reflect::{DynamicMessage, MessageDescriptor, SerializeOptions};
 use serde_json::{Value, json};
 
 use crate::frame::{CanFlags, CanFrame, Direction, Frame, SerialBytes, Stamped};
+use crate::recording::descriptor;
 use crate::recording::reader::{Entry, Recording};
 use crate::recording::segment::Segment;
 use crate::text::{hex, printable_json, rfc3339};
@@ -25,7 +26,7 @@ impl<'a> Messages<'a> {
             if schema.encoding != "protobuf" || types.contains_key(&key) {
                 continue;
             }
-            let pool = DescriptorPool::decode(schema.data.as_slice()).ok();
+            let pool = descriptor::types(&schema.data);
             if let Some(found) = pool.and_then(|pool| pool.get_message_by_name(&schema.name)) {
                 types.insert(key, found);
             }

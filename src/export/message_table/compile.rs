@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 use std::rc::Rc;
 
-use prost_reflect::{DescriptorPool, FieldDescriptor, Kind as ProtoKind, MessageDescriptor};
+use prost_reflect::{FieldDescriptor, Kind as ProtoKind, MessageDescriptor};
 
 use super::{Described, Element, Form, MessagePlan, Place, Rows, Step};
 use crate::export::table::{Column, Kind, Table, make_unique};
+use crate::recording::descriptor;
 
 /// So deep messages inside of messages are followed.
 const DEEPEST: usize = 4;
@@ -22,7 +23,7 @@ pub fn compile(
     described: &Described<'_>,
     wanted: impl Fn(&str) -> bool,
 ) -> Vec<(MessagePlan, Table)> {
-    let pool = DescriptorPool::decode(described.descriptor).ok();
+    let pool = descriptor::types(described.descriptor);
     let Some(root) = pool.and_then(|pool| pool.get_message_by_name(described.schema)) else {
         return Vec::new();
     };

@@ -44,6 +44,15 @@ pub const STEPS: Item = Item {
     run: |job| in_lab(job, "steps"),
 };
 
+pub const REPLAY_STEPS: Item = Item {
+    name: "replay-steps",
+    promise: "the same while a recording is replayed: every frame, in its order, at its time",
+    count: 20,
+    unit: "steps",
+    side_by_side: 1,
+    run: |job| in_lab(job, "replay-steps"),
+};
+
 /// This program again, where there are CAN interfaces.
 fn in_lab(job: &Job, what: &str) -> Found {
     let lab = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/lab/vcan-run");
@@ -88,6 +97,7 @@ pub fn child() -> Option<ExitCode> {
         "drops" => drops,
         "links" => links,
         "steps" => steps,
+        "replay-steps" => replay_steps,
         other => panic!("{other}?"),
     };
     let done =
@@ -207,24 +217,13 @@ fn links(seed: u64, count: u64, found: &mut Found) {
 fn steps(seed: u64, count: u64, found: &mut Found) {
     let recorder = Recorder::start(&["vcan0"]);
     let mut random = Random::new(seed);
-    let kinds = [3600.0, -3600.0, 0.01, -0.01, 86_400.0, -86_400.0];
     let mut expected = Vec::new();
     let frames = count * 50;
     sh(&format!("cangen vcan0 -g 20 -n {frames} >/dev/null 2>&1 & echo"));
     let begun = Instant::now();
     for _ in 0..count {
         std::thread::sleep(Duration::from_millis(600 + random.below(600) as u64));
-        let step = kinds[random.below(kinds.len())];
-        let now = nix::time::ClockId::CLOCK_REALTIME.now().expect("a clock");
-        let new = Duration::from(now).as_nanos() as i128 + (step * 1e9) as i128;
-        let new = libc::timespec {
-            tv_sec: (new / 1_000_000_000) as i64,
-            tv_nsec: (new % 1_000_000_000) as i64,
-        };
-        // SAFETY: a plain system call with a structure of ours; the clock is the machine's own.
-        let set = unsafe { libc::clock_settime(libc::CLOCK_REALTIME, &raw const new) };
-        assert_eq!(set, 0, "the clock cannot be set");
-        expected.push(step);
+        expected.push(step_clock(&mut random));
     }
     std::thread::sleep(Duration::from_secs(2));
     let lasted = begun.elapsed().as_secs_f64();
@@ -257,4 +256,71 @@ fn steps(seed: u64, count: u64, found: &mut Found) {
     found.number("recorded steps off by at most", format!("{:.1} ms", worst * 1e3));
     found.require(told.len() == expected.len(), || format!("{told:?} for {expected:?}"));
     found.require(worst < 0.005, || format!("{told:?} for {expected:?}"));
+}
+
+/// Sets the wall clock; returns by how much, in seconds.
+fn step_clock(random: &mut Random) -> f64 {
+    let kinds = [3600.0, -3600.0, 0.01, -0.01, 86_400.0, -86_400.0];
+    let step = kinds[random.below(kinds.len())];
+    let now = nix::time::ClockId::CLOCK_REALTIME.now().expect("a clock");
+    let new = Duration::from(now).as_nanos() as i128 + (step * 1e9) as i128;
+    let new = libc::timespec {
+        tv_sec: (new / 1_000_000_000) as i64,
+        tv_nsec: (new % 1_000_000_000) as i64,
+    };
+    // SAFETY: a plain system call with a structure of ours; the clock is the machine's own.
+    let set = unsafe { libc::clock_settime(libc::CLOCK_REALTIME, &raw const new) };
+    assert_eq!(set, 0, "the clock cannot be set");
+    step
+}
+
+fn replay_steps(seed: u64, count: u64, found: &mut Found) {
+    let folder = tempfile::tempdir().expect("a temporary folder");
+    let file = folder.path().join("played.mcap");
+    let path = file.to_str().expect("a name in letters");
+    let seconds = count + 2;
+    let made = crate::lab::bustape(&[
+        "record",
+        "a=sim:hmi-can",
+        "--duration",
+        &format!("{seconds}s"),
+        "-o",
+        path,
+    ]);
+    assert!(made.status.success(), "{}", crate::lab::text(&made.stderr));
+    let mut random = Random::new(seed);
+    let playing = Command::new(crate::lab::BUSTAPE)
+        .args(["replay", path, "--to", "a=vcan0", "--verify", "--json"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("bustape runs");
+    std::thread::sleep(Duration::from_secs(1));
+    let begun = Instant::now();
+    for _ in 0..count {
+        std::thread::sleep(Duration::from_millis(600 + random.below(300) as u64));
+        step_clock(&mut random);
+        found.done += 1;
+    }
+    let stepped = begun.elapsed();
+    let played = playing.wait_with_output().expect("it ends");
+    let said = crate::lab::text(&played.stderr);
+    found.require(played.status.success(), || format!("{}: {said}", played.status));
+    let report: Value = serde_json::from_slice(&played.stdout).expect("replay prints JSON");
+    let took = report["took_ns"].as_f64().unwrap_or(0.0) / 1e9;
+    let bus = &report["buses"][0];
+    let late = |which: &str| bus["lateness_ns"][which].as_f64().unwrap_or(f64::MAX) / 1e6;
+    found.number("frames sent", bus["sent"].to_string());
+    found.number(
+        "lateness, p50 / p99 / max",
+        format!("{:.2} / {:.1} / {:.1} ms", late("p50"), late("p99"), late("max")),
+    );
+    found.number(
+        "seconds played / with steps in them",
+        format!("{took:.1} / {:.1}", stepped.as_secs_f64()),
+    );
+    found.number("compared by --verify", bus["verify"].to_string());
+    found.require(took > stepped.as_secs_f64(), || "the last steps came after the end".to_owned());
+    found.require((took - seconds as f64).abs() < 1.0, || format!("{took} s for {seconds} s"));
+    found.require(late("p50") < 10.0, || format!("late by {} ms", late("p50")));
 }

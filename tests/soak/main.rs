@@ -77,6 +77,7 @@ const ITEMS: &[Item] = &[
     guest::DROPS,
     guest::LINKS,
     guest::STEPS,
+    guest::REPLAY_STEPS,
     fuzz::RECORDINGS,
     fuzz::CUTS,
     fuzz::DEFINITIONS,

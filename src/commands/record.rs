@@ -195,13 +195,15 @@ pub async fn record(buses: Vec<Bus>, definitions: Definitions, plan: &Plan) -> R
     if tokio::time::timeout(PATIENCE, local.run_until(drained)).await.is_err() {
         watch.errors.push("a source did not stop within 3 s and was left behind".to_owned());
     }
-    drop(at_work);
+    at_work.stop();
     let (mut status, errors) = (watch.status, watch.errors);
     // With the sources go their inlets, which hand over what they still owe.
     drop(sources);
     drop(local);
     desk.queue.close();
     let outcome = tokio::task::spawn_blocking(move || writer.join()).await?;
+    // It may wait for the disk with a file of an earlier recording; ours is finished by now.
+    drop(at_work);
     watch::tell(&mut status, &desk.progress.take().notices);
     status.clear();
     let Ok(outcome) = outcome else { bail!("the writer has failed; the file is not finished") };

@@ -63,6 +63,8 @@ pub enum Done {
 pub struct DiskThread {
     disk: Arc<dyn Disk>,
     thread: Option<(Sender<Job>, Receiver<Done>)>,
+    /// Works where the system has no thread to give: then the writer has to wait, after all.
+    instead: Worker,
     /// How many jobs are under way.
     jobs: usize,
     /// Done without a thread, since none could be had.
@@ -72,12 +74,13 @@ pub struct DiskThread {
 impl DiskThread {
     /// Nothing to do yet.
     pub fn new(disk: Arc<dyn Disk>) -> Self {
-        Self { disk, thread: None, jobs: 0, done: Vec::new() }
+        let instead = Worker::new(disk.clone());
+        Self { disk, thread: None, instead, jobs: 0, done: Vec::new() }
     }
 
-    /// True while there is something to wait for.
-    pub fn is_busy(&self) -> bool {
-        self.jobs > 0
+    /// How many jobs have to be waited for.
+    pub fn jobs(&self) -> usize {
+        self.jobs
     }
 
     /// Gives it something to do.
@@ -91,7 +94,7 @@ impl DiskThread {
             None => Some(job),
         };
         if let Some(job) = refused {
-            self.done.push(Worker::new(self.disk.clone()).work(job));
+            self.done.push(self.instead.work(job));
         }
     }
 
@@ -115,7 +118,7 @@ impl DiskThread {
     }
 }
 
-/// `None` where the system has no thread to give: then the writer has to wait, after all.
+/// `None` where the system has no thread to give.
 fn start(disk: Arc<dyn Disk>) -> Option<(Sender<Job>, Receiver<Done>)> {
     let (give, jobs) = channel();
     let (tell, done) = channel();

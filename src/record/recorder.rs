@@ -57,6 +57,8 @@ pub struct Recorder {
     tape: Option<Tape>,
     alarm: Option<Alarm>,
     windows: Option<Windows>,
+    /// Everything that was read before this has been taken.
+    passed: Timestamp,
     last_sync: Timestamp,
     last_stats: Timestamp,
     before: Vec<Totals>,
@@ -69,7 +71,7 @@ impl Recorder {
         let before = vec![Totals::default(); session.buses.len()];
         let (last_sync, last_stats) = (now, now);
         let (alarm, windows) = (None, None);
-        Self { queue, session, tape, alarm, windows, last_sync, last_stats, before }
+        Self { queue, session, tape, alarm, windows, passed: now, last_sync, last_stats, before }
     }
 
     /// Watches for `triggers`, too, and keeps `windows` around those that ask for it.
@@ -111,6 +113,7 @@ impl Recorder {
 
     /// Everything that was read before `time` has been taken.
     fn pass(&mut self, time: Timestamp) {
+        self.passed = time;
         self.alarm(|triggers, fired| triggers.pass(time, fired));
         if let Some(tape) = &mut self.tape {
             tape.pass(time, &self.session);
@@ -182,7 +185,7 @@ impl Recorder {
         if let Some(tape) = &mut self.tape {
             tape.cut_when_due(now, &mut self.session);
             if syncs {
-                tape.sync(now);
+                tape.sync(self.passed);
             }
             tape.split_when_full(now, asked, &mut self.session);
         }
@@ -266,6 +269,8 @@ impl Recorder {
         let now = self.session.timeline.now();
         self.put_remarks(now);
         self.put_stats(now);
+        // A mark may set off a trigger, which has an event of its own.
+        self.put_events();
         self.put_events();
         let mut outcome = Outcome::default();
         if let Some(windows) = self.windows {

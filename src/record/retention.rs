@@ -56,8 +56,10 @@ pub struct Retention {
     /// Which finished files hold an event.
     events: BTreeMap<PathBuf, bool>,
     last_look: Timestamp,
-    /// It was said that the budget cannot be kept.
+    /// It was said that the budget cannot be kept, and since then nothing could be deleted for it.
     said: bool,
+    /// So it was when the folder was looked at last: until it changes nothing is to be gained.
+    gave_way: bool,
 }
 
 /// A segment in the folder.
@@ -108,6 +110,7 @@ impl Retention {
             events: BTreeMap::new(),
             last_look: Timestamp(0),
             said: false,
+            gave_way: false,
         };
         retention.refresh();
         retention
@@ -115,6 +118,11 @@ impl Retention {
 
     /// Looks at the folder again: a segment was finished.
     pub fn refresh(&mut self) {
+        self.gave_way = false;
+        self.read_folder();
+    }
+
+    fn read_folder(&mut self) {
         // A folder that cannot be read now has no segment to delete either.
         let Ok(entries) = std::fs::read_dir(&self.folder) else { return };
         self.stock.clear();
@@ -124,7 +132,8 @@ impl Retention {
             let path = entry.path();
             let name = entry.file_name();
             let Some(name) = name.to_str() else { continue };
-            if let Some((original, _)) = name.split_once(".damaged") {
+            if let Some((original, _)) = name.split_once(".mcap.damaged") {
+                let original = format!("{original}.mcap");
                 *aside.entry(self.folder.join(original)).or_default() += bytes;
             } else if let Some((session, number, started)) = self.parts_of(name) {
                 self.stock.push(Stocked { session, number, path, bytes, started });
@@ -167,7 +176,7 @@ impl Retention {
                 return room;
             }
             if !std::mem::replace(&mut fresh, true) {
-                self.refresh();
+                self.read_folder();
                 continue;
             }
             let Some(oldest) = self.oldest(open, None) else {
@@ -182,12 +191,17 @@ impl Retention {
     fn nothing_to_delete(&mut self, reason: &Reason, room: &mut Room) {
         match reason {
             Reason::Free(free) => room.full = Some(self.full(*free)),
-            Reason::Size if !std::mem::replace(&mut self.said, true) => room.said.push(format!(
-                "the segments in {} are larger than --keep-size, and all that are left are being \
-                 written, kept or hold events; recording goes on",
-                self.folder.display()
-            )),
-            Reason::Size | Reason::Time => {}
+            Reason::Size => {
+                self.gave_way = true;
+                if !std::mem::replace(&mut self.said, true) {
+                    room.said.push(format!(
+                        "the segments in {} are larger than --keep-size, and all that are left are \
+                         being written, kept or hold events; recording goes on",
+                        self.folder.display()
+                    ));
+                }
+            }
+            Reason::Time => {}
         }
     }
 
@@ -210,7 +224,7 @@ impl Retention {
         let others = self.stock.iter().filter(|stocked| final_name(&stocked.path) != open.path);
         let bytes = others.map(|stocked| stocked.bytes).sum::<u64>();
         if self.limits.keep_size.is_some_and(|limit| bytes + open.bytes + need > limit) {
-            return Some(Reason::Size).filter(|_| !self.said);
+            return Some(Reason::Size).filter(|_| !self.gave_way);
         }
         None
     }
@@ -246,6 +260,7 @@ impl Retention {
 
     fn delete(&mut self, index: usize, reason: &Reason) -> String {
         let stocked = self.stock.remove(index);
+        self.said &= !matches!(reason, Reason::Size);
         let name = final_name(&stocked.path);
         let why = match reason {
             Reason::Size => "to stay within --keep-size",

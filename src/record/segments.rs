@@ -19,6 +19,9 @@ const LONGEST_WINDOW: Duration = Duration::from_secs(24 * 3600);
 /// Least free space to start with: anything less is full within minutes.
 pub const LEAST_FREE: u64 = 8 << 20;
 
+/// A file that is finished and the next one's head are two; so many may wait for the disk.
+const MOST_JOBS: usize = 8;
+
 /// Folder for windows around triggers, in that of the recording.
 pub const WINDOWS: &str = "windows";
 
@@ -294,7 +297,13 @@ impl Segments {
 
     /// True while the disk is waited for.
     pub fn is_waiting(&self) -> bool {
-        self.thread.is_busy()
+        self.thread.jobs() > 0
+    }
+
+    /// True when the disk does not come after with finishing files: each that waits is held open, so
+    /// the open one goes on instead.
+    pub fn is_behind(&self) -> bool {
+        self.thread.jobs() > MOST_JOBS
     }
 
     /// What the disk has done since this was last asked.

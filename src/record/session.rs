@@ -121,18 +121,23 @@ impl Session {
         });
     }
 
-    /// Makes room for `need` bytes about to be written. False when there is none.
+    /// Makes room for `need` bytes about to be written. False when there is none, which is said.
     pub fn make_room(&mut self, need: u64) -> bool {
+        let Err(text) = self.try_room(need) else { return true };
+        self.remark(Level::Warning, text);
+        false
+    }
+
+    /// Makes room for `need` bytes about to be written; the error says why there is none.
+    pub fn try_room(&mut self, need: u64) -> Result<(), String> {
         let now: Timestamp = self.timeline.now();
-        let Some(retention) = &mut self.retention else { return true };
+        let Some(retention) = &mut self.retention else { return Ok(()) };
         let OpenSegment { path, bytes, holds_event } = &self.open;
         let open = Open { path, bytes: *bytes, holds_event: *holds_event };
         let Room { said, full } = retention.make_room(need, open, now);
         for text in said {
             self.remark(Level::Info, text);
         }
-        let Some(text) = full else { return true };
-        self.remark(Level::Warning, text);
-        false
+        full.map_or(Ok(()), Err)
     }
 }

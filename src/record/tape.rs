@@ -25,6 +25,8 @@ pub struct Tape {
     /// Notices and events from before the segment's first frame.
     early: Vec<Entry>,
     error: Option<SegmentError>,
+    /// From when to when what a failed file has cost was received.
+    lost: Option<(Timestamp, Timestamp)>,
     full: bool,
 }
 
@@ -54,6 +56,7 @@ impl Tape {
             counts: vec![0; session.buses.len()],
             early: Vec::new(),
             error: None,
+            lost: None,
             full: false,
         };
         let now = session.timeline.now();
@@ -139,8 +142,13 @@ impl Tape {
     /// Begins the next segment, if the open one is full or it is `asked` for.
     pub fn split_when_full(&mut self, now: Timestamp, asked: bool, session: &mut Session) {
         let full = self.segment.as_ref().is_some_and(|s| self.segments.is_full(s, now));
-        if (full || asked) && self.has_frames() {
+        if !(full || asked) || !self.has_frames() {
+            return;
+        }
+        if !self.segments.is_behind() {
             self.next_segment(now, session);
+        } else if asked {
+            session.progress.split();
         }
     }
 
@@ -148,15 +156,26 @@ impl Tape {
     fn cut(&mut self, session: &mut Session) {
         let Some(segment) = &self.segment else { return };
         session.note_open(Some(segment));
-        if session.make_room(segment.writer.bytes_to_come()) {
+        if self.make_room(segment.writer.bytes_to_come(), session) {
             self.write_chunk(session);
         } else {
             self.end_full(session);
         }
     }
 
+    /// Files that wait for their name cannot be deleted yet, so where there is no room they are waited for.
+    fn make_room(&mut self, need: u64, session: &mut Session) -> bool {
+        if self.segments.is_waiting() && session.try_room(need).is_err() {
+            for done in self.segments.wait() {
+                self.note(done, session);
+            }
+        }
+        session.make_room(need)
+    }
+
     fn write_chunk(&mut self, session: &mut Session) {
         let Some(segment) = &mut self.segment else { return };
+        let span = segment.writer.pending_span();
         let result = segment.writer.cut();
         let counts: Vec<u64> = segment.writer.take_counts().collect();
         session.progress.written(segment.writer.position());
@@ -171,15 +190,18 @@ impl Tape {
                 for (bus, count) in session.buses.iter().zip(counts) {
                     bus.tally.dropped(GapReason::Disk, count);
                 }
+                self.lose(span);
                 self.cannot_write(&error, session);
             }
         }
     }
 
-    /// Has what is written made safe; [`Tape::on_done`] takes note of it.
-    pub fn sync(&mut self, now: Timestamp) {
+    /// Has what is written made safe; [`Tape::on_done`] takes note of it. Everything before `passed`
+    /// has been taken.
+    pub fn sync(&mut self, passed: Timestamp) {
         if let Some(segment) = &self.segment {
-            self.segments.sync(segment, segment.writer.pending_span().map_or(now, |span| span.0));
+            let pending = segment.writer.pending_span();
+            self.segments.sync(segment, pending.map_or(passed, |span| span.0.min(passed)));
         }
     }
 
@@ -249,22 +271,33 @@ impl Tape {
         self.fail(write_error(&segment.part(), error), session);
     }
 
+    fn lose(&mut self, span: Option<(Timestamp, Timestamp)>) {
+        let Some((from, to)) = span else { return };
+        let lost = self.lost.get_or_insert((from, to));
+        *lost = (lost.0.min(from), lost.1.max(to));
+    }
+
     /// A file that could not be written stays as it is; one new one is tried, then no more.
     fn fail(&mut self, error: SegmentError, session: &mut Session) {
         let Some(mut failed) = self.segment.take() else { return };
+        self.lose(failed.writer.pending_span());
         for (bus, count) in failed.writer.take_counts().enumerate() {
             session.buses[bus].tally.dropped(GapReason::Disk, count);
         }
+        self.replace(error, session);
+    }
+
+    /// Goes on in a new file, the first time.
+    fn replace(&mut self, error: SegmentError, session: &mut Session) {
         let second = self.error.is_some();
         session.progress.notice(Level::Error, error.to_string());
         self.error = Some(error);
         session.note_open(None);
         let now = session.timeline.now();
         // Where the oldest may go, the new file has more room than the failed one.
-        let room = second || session.make_room(0);
-        if !second && room {
+        if !second && session.make_room(0) {
             let head = self.head(session);
-            if let Ok(segment) = self.segments.open(now, &head, "") {
+            if let Ok(segment) = self.segments.open_ahead(now, &head, "") {
                 self.begin(segment, session);
                 return self.explain_loss(now, session);
             }
@@ -278,11 +311,12 @@ impl Tape {
         let Some(segment) = &mut self.segment else { return };
         let notice = Notice { level: Level::Error, text };
         segment.writer.add_notice(now, "bustape", &notice).ok();
+        let (from, to) = self.lost.unwrap_or((now, now));
         for (index, bus) in session.buses.iter().enumerate() {
             let count = bus.tally.totals().lost_to(GapReason::Disk);
             if count > 0 {
                 let unit = bus.facts.unit.unwrap_or(Unit::Frames);
-                let gap = Gap { count, unit, reason: GapReason::Disk, from: now, to: now };
+                let gap = Gap { count, unit, reason: GapReason::Disk, from, to };
                 let frame = Stamped { time: now, value: Frame::Gap(gap) };
                 segment.writer.add(index, &frame).ok();
             }
@@ -303,30 +337,29 @@ impl Tape {
     }
 
     fn next_segment(&mut self, now: Timestamp, session: &mut Session) {
+        let number = self.segments.number();
         self.cut(session);
+        if self.segments.number() != number {
+            // It could not be written; another has begun already.
+            return;
+        }
+        // While the open file can still say so.
+        if !self.make_room(0, session) {
+            return self.end_full(session);
+        }
         let Some(full) = self.segment.take() else { return };
         if let Err(error) = self.segments.finish(full, self.summary("split", session)) {
-            return self.give_up(error, session);
+            return self.replace(error, session);
         }
         session.note_open(None);
         if let Some(retention) = &mut session.retention {
             retention.refresh();
         }
-        if !session.make_room(0) {
-            return self.end_full(session);
-        }
         let head = self.head(session);
         match self.segments.open_ahead(now, &head, "") {
             Ok(segment) => self.begin(segment, session),
-            Err(error) => self.give_up(error, session),
+            Err(error) => self.replace(error, session),
         }
-    }
-
-    /// There is no open segment, and there will be none.
-    fn give_up(&mut self, error: SegmentError, session: &Session) {
-        session.progress.notice(Level::Error, error.to_string());
-        self.error = Some(error);
-        session.progress.failed();
     }
 
     fn summary(&self, reason: &str, session: &Session) -> Facts {

@@ -294,6 +294,7 @@ impl<'a> Parts<'a> {
                 (1, Field::Uint(value)) => parts.count = usize::try_from(value).ok()?,
                 (2, Field::Uint(value)) => parts.tick = value,
                 (3, Field::Bytes(bytes)) => parts.delta = bytes,
+                (4, Field::Bytes(_)) if parts.kinds.len() >= MAX_BATCH_FRAMES => return None,
                 (4, Field::Bytes(bytes)) => parts.kinds.push(decode_kind(bytes)?),
                 (5, Field::Bytes(bytes)) => parts.kind = bytes,
                 (6, Field::Bytes(bytes)) => parts.data = bytes,

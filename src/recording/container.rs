@@ -28,6 +28,9 @@ use super::summary::Summary;
 /// How our own chunks are compressed.
 const COMPRESSION: &str = "zstd";
 
+/// Room is asked for in steps of this many bytes.
+const AHEAD: u64 = 1 << 20;
+
 /// Statistics, offsets, footer and the last metadata record: less than this.
 const END: u64 = 16 << 10;
 
@@ -35,6 +38,8 @@ const END: u64 = 16 << 10;
 pub struct Container {
     out: Box<dyn OutputFile>,
     position: u64,
+    /// Up to here the disk has room for it.
+    held: u64,
     crc: crc32fast::Hasher,
     failed: bool,
     zstd: zstd::bulk::Compressor<'static>,
@@ -58,6 +63,7 @@ impl Container {
         let mut container = Self {
             out,
             position: 0,
+            held: 0,
             crc: crc32fast::Hasher::new(),
             failed: false,
             zstd: zstd::bulk::Compressor::new(level)?,
@@ -300,7 +306,25 @@ impl Container {
         put(&mut data_end, op::DATA_END, &end)?;
         self.append(&data_end)?;
         let summary = self.summary.bytes(self.position)?;
-        self.append(&summary)
+        self.append(&summary)?;
+        self.release();
+        Ok(())
+    }
+
+    /// Keeps room for at least `need` more bytes and the end of the file, so that another program that
+    /// fills the disk does not keep this one from being finished.
+    pub fn hold_room(&mut self, need: u64) {
+        let end = self.position + need + self.tail();
+        if self.held < end {
+            self.held = end + AHEAD;
+            self.out.hold(self.position, self.held - self.position);
+        }
+    }
+
+    fn release(&mut self) {
+        if std::mem::take(&mut self.held) > 0 {
+            self.out.give_back(self.position);
+        }
     }
 
     /// Returns when everything written so far would survive a power cut.
@@ -333,10 +357,13 @@ impl Container {
 
     fn append(&mut self, bytes: &[u8]) -> io::Result<()> {
         self.check()?;
-        let result = self.out.write_all(bytes);
-        if result.is_err() {
+        if let Err(error) = self.out.write_all(bytes) {
             self.failed = true;
-            return result;
+            // On a full disk the next file needs what this one holds.
+            if error.kind() == io::ErrorKind::StorageFull {
+                self.release();
+            }
+            return Err(error);
         }
         self.crc.update(bytes);
         self.position += bytes.len() as u64;

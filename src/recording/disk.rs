@@ -6,6 +6,8 @@ use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::Path;
 use std::sync::Arc;
 
+use nix::fcntl::{FallocateFlags, fallocate};
+
 /// Where files are made.
 pub trait Disk: Send + Sync {
     /// Creates a file that must not exist yet, readable by its owner and group only.
@@ -45,6 +47,13 @@ pub trait Durable: Send + Sync {
 pub trait OutputFile: Write + Send {
     /// Returns when everything written so far would survive a power cut.
     fn sync(&mut self) -> io::Result<()>;
+
+    /// Asks for `bytes` of room behind the first `from`, so that no other program takes it. Where the
+    /// file system has none, or no such thing, the file grows as it can.
+    fn hold(&mut self, _from: u64, _bytes: u64) {}
+
+    /// Gives back the room behind the first `size` bytes, and what stands there.
+    fn give_back(&mut self, _size: u64) {}
 }
 
 /// The machine's own disk.
@@ -109,6 +118,17 @@ impl Durable for File {
 impl OutputFile for File {
     fn sync(&mut self) -> io::Result<()> {
         self.sync_data()
+    }
+
+    fn hold(&mut self, from: u64, bytes: u64) {
+        if let (Ok(from), Ok(bytes)) = (i64::try_from(from), i64::try_from(bytes)) {
+            // The size of the file stays what was written, whatever it holds (fallocate(2)).
+            let _ = fallocate(&*self, FallocateFlags::FALLOC_FL_KEEP_SIZE, from, bytes);
+        }
+    }
+
+    fn give_back(&mut self, size: u64) {
+        self.set_len(size).ok();
     }
 }
 

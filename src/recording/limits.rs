@@ -15,8 +15,14 @@ pub const MAX_CHUNK: u64 = 64 << 20;
 /// Largest summary: some 2 million chunks.
 pub const MAX_SUMMARY: u64 = 256 << 20;
 
-/// Most bytes of schemas and channels that are kept of one file.
+/// Most bytes of schemas, channels and metadata that are kept of one file.
 pub const MAX_DEFINITIONS: usize = 64 << 20;
+
+/// Most entries of a metadata record, and of the metadata of a channel.
+pub const MAX_FACTS: usize = 1 << 16;
+
+/// What an entry takes in memory beside its letters, about.
+pub const FACT: usize = 96;
 
 /// Most frames a batch may have. Our own have at most 2048.
 pub const MAX_BATCH_FRAMES: usize = 1 << 16;
@@ -24,6 +30,9 @@ pub const MAX_BATCH_FRAMES: usize = 1 << 16;
 /// Most frames that a reader takes from one chunk; a writer stops at half of it. Unpacked they are
 /// much larger than in the file.
 pub const MAX_CHUNK_FRAMES: usize = 1 << 20;
+
+/// Where chunks overlap in time, no more of them are unpacked once this much memory is taken by those before.
+pub const MAX_READY: usize = 64 << 20;
 
 /// Most bytes that are examined while looking for the next sound record after damage, for each byte
 /// of the file: a file made to look like a chunk at every byte must not take forever.

@@ -13,6 +13,7 @@ pub mod limits;
 pub mod message;
 mod options;
 pub mod reader;
+mod ready;
 pub mod records;
 pub mod rewrite;
 pub mod schema;

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use mcap::records::op;
 
 use super::disk::is_same;
-use super::limits::MAX_CHUNK_FRAMES;
+use super::limits::{MAX_CHUNK_FRAMES, MAX_READY};
+use super::ready::Ready;
 use super::records::{ChunkRef, Message, Record, channel_bit, records};
 use super::segment::{Ending, ReadError, Segment};
 use super::{can_batch, can_frame, message};
@@ -39,7 +40,7 @@ pub enum Entry {
 impl Entry {
     /// The order of things at the same time: a batch cannot tell how its frames stood among the
     /// messages around it, so that neither layout is read by where they stand.
-    fn rank(&self) -> (usize, bool) {
+    pub(super) fn rank(&self) -> (usize, bool) {
         match self {
             Self::Frame(bus, frame) => (*bus, !matches!(frame, Frame::Gap(_))),
             Self::Message { .. } => (usize::MAX, true),
@@ -147,8 +148,9 @@ impl Recording {
         }
         chunks.sort_by_key(|(_, chunk)| chunk.start);
         chunks.reverse();
-        let (ready, records) = (Vec::new(), Vec::new());
-        Entries { recording: self, range, chunks, kinds, ready, records, damage: Vec::new() }
+        let (ready, run, records) = (Ready::default(), Vec::new(), Vec::new());
+        let (damage, disorder) = (Vec::new(), false);
+        Entries { recording: self, range, chunks, kinds, ready, run, records, damage, disorder }
     }
 
     /// For each segment what its channels carry, for [`Carriers::frames`].
@@ -251,10 +253,14 @@ pub struct Entries<'a> {
     /// Chunks not read yet, the earliest last.
     chunks: Vec<(usize, ChunkRef)>,
     kinds: Vec<Vec<Kind>>,
-    /// What was read, the earliest last.
-    ready: Vec<Stamped<Entry>>,
+    /// What was read.
+    ready: Ready,
+    /// The chunk that is being read.
+    run: Vec<Stamped<Entry>>,
     records: Vec<u8>,
     damage: Vec<String>,
+    /// It was said that the order may be wrong.
+    disorder: bool,
 }
 
 impl Entries<'_> {
@@ -272,8 +278,11 @@ impl Entries<'_> {
     /// once every chunk that begins before it has been read.
     fn load(&mut self) {
         while let Some(&(segment, chunk)) = self.chunks.last() {
-            if self.ready.last().is_some_and(|next| next.time.nanos() < chunk.start) {
+            if self.ready.next_time().is_some_and(|next| next.nanos() < chunk.start) {
                 return;
+            }
+            if self.ready.is_full() {
+                return self.say_disorder(segment);
             }
             self.chunks.pop();
             let mut records_of_chunk = std::mem::take(&mut self.records);
@@ -285,30 +294,44 @@ impl Entries<'_> {
         }
     }
 
+    /// So much is of one time that it cannot all be held.
+    fn say_disorder(&mut self, segment: usize) {
+        if !std::mem::replace(&mut self.disorder, true) {
+            let text = format!(
+                "more than {} MiB of messages overlap in time: they may be out of order",
+                MAX_READY >> 20
+            );
+            self.say(segment, &text);
+        }
+    }
+
+    fn say(&mut self, segment: usize, what: &str) {
+        self.damage.push(format!("{}: {what}", self.recording.segments[segment].path.display()));
+    }
+
     fn take_chunk(&mut self, segment: usize, bytes: &[u8]) {
-        // Kept in reverse, so that taking the next is a pop; the sort is stable, so reverse again.
-        self.ready.reverse();
-        let (mut consumed, before) = (0, self.ready.len());
+        let (mut consumed, mut strange) = (0, 0_u64);
         for Record { opcode, body } in records(bytes) {
             consumed += super::records::HEAD + body.len();
-            if self.ready.len() - before > MAX_CHUNK_FRAMES {
-                let path = self.recording.segments[segment].path.display();
-                self.damage.push(format!(
-                    "{path}: a chunk with more than {MAX_CHUNK_FRAMES} frames: the rest is passed over"));
+            if self.run.len() > MAX_CHUNK_FRAMES {
+                let text = format!(
+                    "a chunk with more than {MAX_CHUNK_FRAMES} frames: the rest is passed over"
+                );
+                self.say(segment, &text);
                 consumed = bytes.len();
                 break;
             }
-            if opcode == op::MESSAGE && !self.take_message(segment, body) {
-                let path = self.recording.segments[segment].path.display();
-                self.damage.push(format!("{path}: a message could not be understood"));
-            }
+            strange += u64::from(opcode == op::MESSAGE && !self.take_message(segment, body));
+        }
+        match strange {
+            0 => {}
+            1 => self.say(segment, "a message could not be understood"),
+            more => self.say(segment, &format!("{more} messages could not be understood")),
         }
         if consumed != bytes.len() {
-            let path = self.recording.segments[segment].path.display();
-            self.damage.push(format!("{path}: a chunk ends in the middle of a record"));
+            self.say(segment, "a chunk ends in the middle of a record");
         }
-        self.ready.sort_by_key(|entry| (entry.time, entry.value.rank()));
-        self.ready.reverse();
+        self.ready.add(std::mem::take(&mut self.run));
     }
 
     fn take_message(&mut self, segment: usize, body: &[u8]) -> bool {
@@ -342,7 +365,7 @@ impl Entries<'_> {
 
     fn take_entry(&mut self, time: Timestamp, value: Entry) {
         if self.range.contains(&time) {
-            self.ready.push(Stamped { time, value });
+            self.run.push(Stamped { time, value });
         }
     }
 }

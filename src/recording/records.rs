@@ -7,6 +7,7 @@
 use mcap::records::op;
 
 use super::definition::Facts;
+use super::limits::MAX_FACTS;
 
 /// Opcode and length.
 pub const HEAD: usize = 9;
@@ -385,6 +386,9 @@ impl<'a> Reader<'a> {
         let mut map = Reader(self.bytes(length)?);
         let mut facts = Facts::new();
         while !map.0.is_empty() {
+            if facts.len() >= MAX_FACTS {
+                return None;
+            }
             facts.insert(map.text()?.to_owned(), map.text()?.to_owned());
         }
         Some(facts)

@@ -14,7 +14,7 @@ use mcap::records::op;
 
 use super::definition::Facts;
 use super::disk::is_locked;
-use super::limits::{MAX_DEFINITIONS, MAX_RECORD, MAX_SUMMARY};
+use super::limits::{FACT, MAX_DEFINITIONS, MAX_RECORD, MAX_SUMMARY};
 use super::records::{
     self, AttachmentIndex, Channel, ChunkHead, ChunkRef, HEAD, Message, Record, Schema, Statistics,
     records,
@@ -190,21 +190,33 @@ impl Segment {
     fn read_metadata(&mut self, offset: u64, length: u64) -> Option<()> {
         let bytes = self.read_record(offset, length).ok()?;
         let record = records(&bytes).next().filter(|r| r.opcode == op::METADATA)?;
-        let (name, facts) = records::metadata(record.body)?;
+        self.take_metadata(record.body).then_some(())
+    }
+
+    fn take_metadata(&mut self, body: &[u8]) -> bool {
+        let found = records::metadata(body);
+        let Some((name, facts)) = found.filter(|(_, facts)| self.may_keep(body, facts.len()))
+        else {
+            return false;
+        };
         self.metadata.insert(name, facts);
-        Some(())
+        true
+    }
+
+    /// Ids are 16 bits and names are short, but what stands behind each may be large.
+    fn may_keep(&mut self, body: &[u8], facts: usize) -> bool {
+        let bytes = body.len() + facts * FACT;
+        self.definition_bytes = self.definition_bytes.saturating_add(bytes);
+        self.definition_bytes <= MAX_DEFINITIONS
     }
 
     fn take_definition(&mut self, opcode: u8, body: &[u8]) -> bool {
-        // Ids are 16 bits, but what stands behind each may be large.
-        self.definition_bytes = self.definition_bytes.saturating_add(body.len());
-        if self.definition_bytes > MAX_DEFINITIONS {
-            return false;
-        }
         if opcode == op::SCHEMA {
-            return Schema::of(body).map(|s| self.schemas.insert(s.id, s)).is_some();
+            let found = Schema::of(body).filter(|_| self.may_keep(body, 0));
+            return found.map(|s| self.schemas.insert(s.id, s)).is_some();
         }
-        Channel::of(body).map(|c| self.channels.insert(c.id, c)).is_some()
+        let found = Channel::of(body).filter(|c| self.may_keep(body, c.metadata.len()));
+        found.map(|c| self.channels.insert(c.id, c)).is_some()
     }
 
     fn forget(&mut self) {
@@ -303,9 +315,7 @@ impl Segment {
                 }
             }
             op::METADATA => {
-                if let Some((name, facts)) = records::metadata(body) {
-                    self.metadata.insert(name, facts);
-                }
+                self.take_metadata(body);
             }
             op::ATTACHMENT => {
                 let index = AttachmentIndex::of_attachment(at, body).map(|(index, _)| index);

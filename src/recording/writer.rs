@@ -75,6 +75,7 @@ impl SegmentWriter {
             container.attachment(head.time.nanos(), attachment)?;
         }
         let buses = head.buses.iter().map(|(name, _)| Bus::new(name, options.batch_frames));
+        container.hold_room(2 * options.chunk_bytes as u64);
         Ok(Self {
             container,
             chunk: Chunk::default(),
@@ -322,7 +323,9 @@ impl SegmentWriter {
         }
         self.buses.iter_mut().for_each(|bus| bus.batched = 0);
         self.span = None;
-        self.container.write_chunk(&mut self.chunk)
+        self.container.write_chunk(&mut self.chunk)?;
+        self.container.hold_room(2 * self.options.chunk_bytes as u64);
+        Ok(())
     }
 
     /// What was in the chunk that was cut last, for each bus in its unit.

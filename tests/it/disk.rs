@@ -166,6 +166,69 @@ fn a_file_that_cannot_be_made_safe_does_not_get_its_name_and_the_next_one_says_s
     });
 }
 
+/// How many writes a segment's head takes: one a record.
+fn head_writes(folder: &Path) -> usize {
+    let path = folder.join("head.mcap");
+    bustape(args(&[&"record", &"sim:hmi-can", &"-o", &path, &"--count", &"1"])).expect(0);
+    let file = mcap::finished(&path);
+    file.records.iter().take_while(|(opcode, _)| *opcode != 6).count()
+}
+
+/// Records segments of a second, of which the second one fails at some of its writes, counted from behind its
+/// head. The files that there are then.
+fn second_segment_fails(folder: &Path, writes: &str) -> (Ran, Vec<Mcap>) {
+    let name = |number: u32| folder.join(format!("a_{number:04}.mcap"));
+    let part = PathBuf::from(format!("{}.part", name(2).display()));
+    let (first, rest) = writes.split_at(1);
+    let write = head_writes(folder) + first.parse::<usize>().unwrap();
+    let inject = format!("inject=write:error=EIO:when={write}{rest}");
+    let options = args(&[
+        &"record",
+        &"sim:hmi-can",
+        &"-o",
+        &folder.join("a.mcap"),
+        &"--json",
+        &"--split-time",
+        &"1s",
+        &"--duration",
+        &"4s",
+        &"--chunk-time",
+        &"1m",
+    ]);
+    let ran = start_injected(&["trace=write", &inject], &[&part], options).wait().expect(1);
+    assert!(ran.err.contains(&format!("cannot write {}", part.display())), "{}", ran.err);
+    let mut files = vec![mcap::finished(&name(1)), mcap::cut(&part)];
+    let rest = (3..).map(name).take_while(|path| path.exists());
+    files.extend(rest.map(|path| mcap::finished(&path)));
+    assert!(files.len() > 3, "{}", ran.err);
+    (ran, files)
+}
+
+#[test]
+fn when_the_end_of_a_segment_cannot_be_written_it_goes_on_in_a_new_file() {
+    let folder = tempfile::tempdir().unwrap();
+    // The first write behind the head is all that the segment holds.
+    let (ran, files) = second_segment_fails(folder.path(), "2+");
+    assert!(files.iter().all(|file| file.on("/hmi-can/raw").count() > 0), "an empty segment");
+    let (_, dropped) = books(&ran, &files, "hmi-can");
+    assert_eq!(dropped, 0);
+}
+
+#[test]
+fn the_gap_that_a_failed_write_leaves_is_where_its_frames_were() {
+    let folder = tempfile::tempdir().unwrap();
+    let (ran, files) = second_segment_fails(folder.path(), "1");
+    let (_, dropped) = books(&ran, &files, "hmi-can");
+    let mut gaps = messages::decoded(&files[2]);
+    let (_, gap) = gaps.find(|(m, _)| files[2].topic(m) == "/hmi-can/gaps").unwrap();
+    let gap = messages::as_python(&gap);
+    let [from, to] = ["from_ns", "to_ns"].map(|key| gap[key].as_u64().unwrap());
+    assert_eq!(gap["count"], dropped);
+    assert!(to - from > 500_000_000, "{gap}");
+    assert!(messages::cans(&files[0], "hmi-can").last().unwrap().0 < from, "{gap}");
+    assert!(to < messages::cans(&files[2], "hmi-can")[0].0, "{gap}");
+}
+
 #[test]
 fn every_new_name_is_synced_with_its_folder_and_a_new_folder_with_the_one_above() {
     peers::peers();

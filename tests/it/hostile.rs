@@ -312,6 +312,88 @@ fn record(opcode: u8, body: &[u8]) -> Vec<u8> {
     bytes
 }
 
+/// A text of an MCAP record.
+fn text(text: &str) -> Vec<u8> {
+    [&(text.len() as u32).to_le_bytes(), text.as_bytes()].concat()
+}
+
+/// A chunk of these records, packed.
+fn packed(records: &[u8]) -> Vec<u8> {
+    let data = zstd::encode_all(records, 3).unwrap();
+    let mut chunk = Vec::new();
+    for number in [START, START, records.len() as u64] {
+        chunk.extend_from_slice(&number.to_le_bytes());
+    }
+    chunk.extend_from_slice(&[0; 4]);
+    chunk.extend_from_slice(&text("zstd"));
+    chunk.extend_from_slice(&(data.len() as u64).to_le_bytes());
+    chunk.extend_from_slice(&data);
+    record(6, &chunk)
+}
+
+/// A channel of batches, and messages on it.
+fn batches(messages: &[&[u8]]) -> Vec<u8> {
+    let schema = [&1u16.to_le_bytes()[..], &text("bustape.CanBatch"), &text("protobuf"), &[0; 4]];
+    let bus = [text("bus"), text("can0")].concat();
+    let channel = [
+        &[1, 0, 1, 0][..],
+        &text("/can0/raw"),
+        &text("protobuf"),
+        &(bus.len() as u32).to_le_bytes(),
+        &bus,
+    ];
+    let mut all = [record(3, &schema.concat()), record(4, &channel.concat())].concat();
+    for message in messages {
+        let head = [&[1, 0, 0, 0, 0, 0][..], &START.to_le_bytes(), &START.to_le_bytes()].concat();
+        all.extend(record(5, &[&head[..], message].concat()));
+    }
+    all
+}
+
+#[test]
+fn small_files_that_claim_much_stop_at_the_limits() {
+    let folder = tempfile::tempdir().unwrap();
+    let head = [&b"\x89MCAP0\r\n"[..], &record(1, &[text(""), text("x")].concat())].concat();
+    // A batch of 33 million kinds of frames, each of them empty.
+    let kinds = packed(&batches(&[&b"\x22\x00".repeat((32 << 20) - 4096)]));
+    // A million frames of one moment in each of 12 chunks.
+    let moment = packed(&batches(&[&dense_batch()[..]; 15])).repeat(12);
+    // 1 GiB of metadata, in 20 records; entries without letters, which take more room than they have bytes.
+    let note = |n: u32, body: &[u8]| {
+        let length = (body.len() as u32).to_le_bytes();
+        record(12, &[&text(&n.to_string())[..], &length, body].concat())
+    };
+    let long = [text("k"), text(&"a".repeat(50 << 20))].concat();
+    let notes: Vec<u8> = (0..20).flat_map(|n| note(n, &long)).collect();
+    let key = |n: u32| [0, 6, 12, 18].map(|shift| b'0' + (n >> shift & 63) as u8);
+    let short: Vec<u8> =
+        (0..4_000_000).flat_map(|n| [&4u32.to_le_bytes()[..], &key(n), &[0; 4]].concat()).collect();
+    for (name, content) in
+        [("kinds", kinds), ("moment", moment), ("notes", notes), ("short", note(0, &short))]
+    {
+        let file = folder.path().join(format!("{name}.mcap"));
+        std::fs::write(&file, [&head[..], &content].concat()).unwrap();
+        // `convert` of the moment's frames is minutes of work, and reads as `cat` does.
+        for which in [0, 1, 3] {
+            let output = survives(which, &file, name);
+            assert!(matches!(output.status.code(), Some(0 | 3)), "{name}: {:?}", output.status);
+        }
+    }
+}
+
+#[test]
+fn chunks_that_all_overlap_are_read_in_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let head = [&b"\x89MCAP0\r\n"[..], &record(1, &[text(""), text("x")].concat())].concat();
+    // 30,000 chunks of a frame each, all of one moment.
+    let chunk = packed(&batches(&[b"\x08\x01\x10\x01\x1a\x01\x00\x22\x00\x2a\x01\x00"]));
+    let file = folder.path().join("overlap.mcap");
+    std::fs::write(&file, [&head[..], &chunk.repeat(30_000)].concat()).unwrap();
+    let output = survives(1, &file, "chunks of one moment");
+    let lines = String::from_utf8(output.stdout).unwrap().lines().count();
+    assert_eq!((output.status.code(), lines), (Some(0), 30_000));
+}
+
 /// Where each record of a kind begins in a summary, and where the footer does.
 fn in_summary(bytes: &[u8], wanted: u8) -> (Vec<usize>, usize) {
     let footer = bytes.len() - 8 - 29;
@@ -364,7 +446,6 @@ fn an_index_that_lies_never_leads_to_other_data_in_silence() {
 #[test]
 fn more_definitions_than_there_can_be_and_two_of_one_number_are_told() {
     let folder = tempfile::tempdir().unwrap();
-    let text = |text: &str| [&(text.len() as u32).to_le_bytes(), text.as_bytes()].concat();
     let schema = |id: u16, name: &str| {
         let body = [&id.to_le_bytes()[..], &text(name), &text("protobuf"), &[0; 4]].concat();
         record(3, &body)

@@ -375,6 +375,33 @@ fn what_was_left_before_anything_was_in_it_is_set_aside_and_holds_nothing_up() {
 }
 
 #[test]
+fn a_recovery_that_waits_for_the_disk_does_not_hold_up_the_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let old = sound(folder.path(), Layout::Frame);
+    let bytes = std::fs::read(&old).unwrap();
+    let left = folder.path().join("p_s0001_0001_20260101T000000Z.mcap");
+    std::fs::write(left.with_extension("mcap.part"), &bytes[..bytes.len() / 2]).unwrap();
+    std::fs::remove_file(&old).unwrap();
+    let copy = left.with_extension("mcap.recovery");
+    let slow = ["trace=fdatasync", "inject=fdatasync:delay_enter=600000000"];
+    let name = args(&[&"record", &"sim:hmi-can", &"-d", &folder.path(), &"--name", &"p"]);
+    let running = start_injected(&slow, &[&copy], name);
+    until("the recovery", || copy.exists().then_some(()));
+    let own = |ending: &str| {
+        let names = crate::support::files(folder.path());
+        names.into_iter().find(|n| n.starts_with("p_s0002") && n.ends_with(ending))
+    };
+    until("a frame", || {
+        let part = own(".part")?;
+        mcap::cut(&folder.path().join(part)).on("/hmi-can/raw").next().map(drop)
+    });
+    running.signal(nix::sys::signal::Signal::SIGTERM);
+    let finished = until("its own file", || own(".mcap"));
+    mcap::finished(&folder.path().join(finished));
+    running.kill();
+}
+
+#[test]
 fn what_a_crash_left_is_recovered_when_the_next_recording_starts() {
     let folder = tempfile::tempdir().unwrap();
     let record =

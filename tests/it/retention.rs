@@ -97,6 +97,48 @@ fn the_oldest_goes_first_but_never_one_that_is_kept_or_holds_an_event_nor_the_on
 }
 
 #[test]
+fn a_budget_that_had_to_give_way_is_kept_again_as_soon_as_something_may_go() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, tty) = (folder.path().join("out"), folder.path().join("tty"));
+    std::fs::create_dir(&out).unwrap();
+    let line = format!("line=pty:{}", tty.display());
+    let running = start(args(&[
+        &"record",
+        &line,
+        &"-d",
+        &out,
+        &"--split-size",
+        &"1MiB",
+        &"--keep-size",
+        &"4MiB",
+    ]));
+    let mut terminal = open(&tty);
+    let mut said = 0;
+    let mut say_until = |what: &str, done: &dyn Fn(&[String]) -> bool| {
+        until(what, || {
+            said += 1;
+            terminal.write_all(&noise(said, 200_000)).unwrap();
+            done(&names(&out)).then_some(())
+        });
+    };
+    let finished = |all: &[String]| all.iter().filter(|n| n.ends_with(".mcap")).count();
+    // Everything that is finished is marked at once, until there is far too much.
+    say_until("segments that may not go", &|all| {
+        for name in all.iter().filter(|name| name.ends_with(".mcap")) {
+            let mark = out.join(format!("{name}.keep"));
+            std::fs::write(mark, "").unwrap();
+        }
+        finished(all) >= 8
+    });
+    for name in names(&out).iter().filter(|name| name.ends_with(".keep")) {
+        std::fs::remove_file(out.join(name)).unwrap();
+    }
+    say_until("the budget", &|all| finished(all) <= 4);
+    let ran = running.stop().expect(0);
+    assert_eq!(ran.err.matches("larger than --keep-size").count(), 1, "{}", ran.err);
+}
+
+#[test]
 fn by_age_only_what_has_a_known_age_is_deleted() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();

@@ -212,6 +212,58 @@ fn a_port_that_is_unplugged_leaves_a_gap_and_goes_on_when_it_is_back() {
 }
 
 #[test]
+fn the_gap_of_a_quiet_port_is_as_long_as_it_was_away() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, part) = (folder.path().join("a.mcap"), folder.path().join("a.mcap.part"));
+    let name = folder.path().join("usb-adapter");
+    let mut device = Device::new();
+    symlink(device.port(), &name).unwrap();
+    let bus = format!("line={},115200,8N1", name.display());
+    let running = start(args(&[&"record", &bus, &"-o", &path]));
+    until("the file", || part.exists().then_some(()));
+    device.say(b"before a long silence");
+    until_recorded(&part, "line", 21, 0);
+    // Statistics come once a second: so long nothing is said.
+    until("some seconds", || (mcap::cut(&part).on("/line/stats").count() >= 5).then_some(()));
+    std::fs::remove_file(&name).unwrap();
+    drop(device);
+    let device = Device::new();
+    symlink(device.port(), &name).unwrap();
+    until("the gap", || {
+        let file = part.exists().then(|| mcap::cut(&part))?;
+        file.on("/line/gaps").next().map(drop)
+    });
+    running.stop().expect(3);
+    let file = mcap::finished(&path);
+    let last = file.on("/line/raw").last().unwrap().time;
+    let (_, gap) = messages::decoded(&file).find(|(m, _)| file.topic(m) == "/line/gaps").unwrap();
+    let from = messages::as_python(&gap)["from_ns"].as_u64().unwrap();
+    assert!(from > last + 2_000_000_000, "the gap begins with the silence");
+}
+
+#[test]
+fn a_number_of_reads_ends_the_recording_of_a_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, tty) = (folder.path().join("a.mcap"), folder.path().join("tty"));
+    let line = format!("line=pty:{}", tty.display());
+    let running = start(args(&[&"record", &line, &"-o", &path, &"--json", &"--count", &"3"]));
+    let mut terminal = open(&tty);
+    let part = folder.path().join("a.mcap.part");
+    for round in 1..=3 {
+        terminal.write_all(b"word").unwrap();
+        // The last one ends it, and the file gets its name.
+        let file = [&part, &path];
+        until("the word", || {
+            let file = file.iter().find(|file| file.exists()).map(|file| mcap::cut(file))?;
+            (messages::streams(&file, "line").0.len() == 4 * round).then_some(())
+        });
+    }
+    let ran = running.wait().expect(0);
+    assert_eq!(ran.json()["reason"], "count");
+    assert_eq!(messages::streams(&mcap::finished(&path), "line").0, b"wordwordword");
+}
+
+#[test]
 fn a_tap_records_who_said_what() {
     let folder = tempfile::tempdir().unwrap();
     let (path, part) = (folder.path().join("a.mcap"), folder.path().join("a.mcap.part"));

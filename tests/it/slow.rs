@@ -166,3 +166,38 @@ fn slow_writes_cost_nothing_while_the_queue_has_room() {
 fn slow_syncs_cost_nothing_at_all() {
     costs_nothing(&SLOW_SYNC, "2KiB");
 }
+
+#[test]
+fn a_disk_that_does_not_come_after_gets_longer_segments_and_not_more_of_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    std::fs::create_dir(&out).unwrap();
+    // A file each 300 ms, where finishing one takes a second.
+    let slow = ["trace=fdatasync", "inject=fdatasync:delay_enter=1000000"];
+    let options = args(&[
+        &"record",
+        &"sim:hmi-can",
+        &"-d",
+        &out,
+        &"--json",
+        &"--split-time",
+        &"300ms",
+        &"--duration",
+        &"12s",
+    ]);
+    let running = start_injected(&slow, &[], options);
+    let mut most = 0;
+    let names = || crate::support::files(&out);
+    until("the end", || {
+        most = most.max(names().iter().filter(|name| name.ends_with(".part")).count());
+        let longer = names().iter().any(|name| name.contains("_0008_"));
+        longer.then_some(())
+    });
+    let ran = running.wait().expect(0);
+    assert!((2..=8).contains(&most), "{most} files were open at once");
+    let files: Vec<_> = names().iter().map(|name| mcap::finished(&out.join(name))).collect();
+    assert!(files.len() < 30, "{} files", files.len());
+    let frames: Vec<_> = files.iter().flat_map(|f| messages::cans(f, "hmi-can")).collect();
+    assert_eq!(frames.len() as u64, ran.json()["buses"][0]["received"].as_u64().unwrap());
+    crate::record::from_the_beginning(&files[0], &frames);
+}

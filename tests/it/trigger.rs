@@ -202,6 +202,25 @@ fn a_trigger_marks_the_recording_at_the_frame_s_own_time_and_runs_a_command() {
 }
 
 #[test]
+fn a_trigger_set_off_by_the_last_mark_is_in_the_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, text) =
+        configuration(folder.path(), "[[trigger]]\nname = \"marked\"\nwhen = \"mark\"\n");
+    let running = recorder(folder.path(), &format!("chunk-time = \"60s\"\n{text}"));
+    until("the recorder's ear", || {
+        let mut command = Command::new(BUSTAPE);
+        command.args(["mark", "the last"]).env("RUNTIME_DIRECTORY", folder.path());
+        spawn(command).wait().status.success().then_some(())
+    });
+    running.stop().expect(0);
+    let names: Vec<_> = events(&mcap::finished(&out))
+        .iter()
+        .map(|(_, event)| event["event_type"]["name"].as_str().unwrap().to_owned())
+        .collect();
+    assert!(names.iter().any(|name| name == "marked"), "{names:?}");
+}
+
+#[test]
 fn commands_of_serial_lines_and_messages_of_several_frames_can_be_named() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.mcap");

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
 
+use crate::support::bytes::noise;
 use crate::support::mcap::{self, Mcap};
 use crate::support::messages::{self, Raw};
 use crate::support::process::{BUSTAPE, Ran, Running, args, spawn};
@@ -238,7 +239,7 @@ fn what_had_left_the_memory_is_counted_and_said_in_the_window() {
          hold-off = \"1h\"\nbefore = \"1h\"\n",
     );
     let mut line = open(&folder.join("tty"));
-    let sent = crate::support::bytes::noise(3, 1 << 20);
+    let sent = noise(3, 1 << 20);
     for piece in sent.chunks(4096) {
         line.write_all(piece).unwrap();
     }
@@ -256,6 +257,66 @@ fn what_had_left_the_memory_is_counted_and_said_in_the_window() {
     assert!(sent.ends_with(&bytes), "what is there is the end of what was sent");
     // The continuous recording has lost nothing.
     assert_eq!(ran.json()["buses"][1]["dropped"], 0);
+}
+
+/// What of the line is in a window: all that was said up to its end and from its beginning on, as bytes and
+/// gaps in their order.
+fn accounted(window: &Mcap, sent: u64) {
+    let facts = window.facts("bustape.summary");
+    let number = |key: &str| facts[key].parse::<u64>().unwrap();
+    balanced(window);
+    let gaps: u64 = messages::gaps(window, "line").iter().map(|(count, _)| count).sum();
+    let bytes = messages::streams(window, "line").0.len() as u64;
+    assert_eq!(number("line.received"), bytes + gaps);
+    assert_eq!(bytes + gaps, sent);
+}
+
+#[test]
+fn what_a_second_firing_reaches_and_the_memory_lost_in_between_is_a_gap() {
+    for more in ["", "windows-only = true\n"] {
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        let text = format!(
+            "{more}window-memory = \"256KiB\"\n[[trigger]]\nwhen = \"mark\"\nbefore = \"1h\"\nafter = \"1s\"\n"
+        );
+        let running = recorder(folder, &text);
+        received(folder, 1);
+        let mut line = open(&folder.join("tty"));
+        mark(folder, "one");
+        line.write_all(&noise(1, 20_000)).unwrap();
+        // The window of the first is over, and what comes then is more than the memory takes.
+        let part = until("the end of the first window", || {
+            let part = windows(folder).into_iter().next()?;
+            let file = mcap::parse(&std::fs::read(&part).ok()?, false).ok()?;
+            (file.on("/line/raw").count() > 0).then_some(part)
+        });
+        std::thread::sleep(Duration::from_millis(1500));
+        for piece in noise(2, 1 << 20).chunks(4096) {
+            line.write_all(piece).unwrap();
+        }
+        let all = 20_000 + (1 << 20);
+        until("all of it", || {
+            let ran = here(folder, args(&[&"status", &"--json"])).wait();
+            let status = ran.status.success().then(|| ran.json()[0].clone())?;
+            (status["buses"][1]["received"].as_u64()? >= all).then_some(())
+        });
+        mark(folder, "two");
+        std::thread::sleep(Duration::from_millis(500));
+        let ran = running.stop().expect(3);
+        let window = mcap::finished(&windows(folder)[0]);
+        assert!(part.starts_with(folder), "{part:?}");
+        assert_eq!(window.facts("bustape.summary")["window_firings"], "2");
+        accounted(&window, all);
+        assert!(
+            messages::gaps(&window, "line")
+                .iter()
+                .any(|(count, why)| *count > 500_000 && *why == 7)
+        );
+        if !more.is_empty() {
+            let books = &ran.json()["buses"][1];
+            assert!(books["dropped"].as_u64() > Some(500_000), "{books}");
+        }
+    }
 }
 
 #[test]

@@ -135,9 +135,15 @@ impl Port {
     /// end). Each overrun stands for at least one byte. Where in the stream they are missing is
     /// not known, only between which times; so they are a gap and not line errors.
     pub fn check_overruns(&mut self, inlet: &RefCell<Inlet>) {
-        let Some(now) = self.tty.get_ref().counts() else { return };
         let mut inlet = inlet.borrow_mut();
         let time = inlet.timeline().now();
+        let Some(now) = self.tty.get_ref().counts() else {
+            // A driver without counters: whether the port is there can be asked otherwise.
+            if self.counts.is_none() && self.tty.get_ref().format_flags().is_ok() {
+                self.alive = time;
+            }
+            return;
+        };
         if let Some(lost) = self.counts.replace(now).map(|before| lost_between(before, now))
             && lost > 0
         {

@@ -143,7 +143,7 @@ impl<'a> Session<'a> {
                 self.sound = time;
             }
             Line::Acknowledged => {
-                self.closed = self.awaiting == Awaiting::Close;
+                self.closed |= self.awaiting == Awaiting::Close;
                 self.awaiting = Awaiting::Nothing;
             }
             Line::Information => {}

@@ -100,9 +100,16 @@ impl Leftovers {
     }
 }
 
+impl AtWork {
+    /// Tells it to end soon.
+    pub fn stop(&self) {
+        self.stop.store(true, Relaxed);
+    }
+}
+
 impl Drop for AtWork {
     fn drop(&mut self) {
-        self.stop.store(true, Relaxed);
+        self.stop();
         if let Some(thread) = self.thread.take() {
             thread.join().ok();
         }

@@ -83,6 +83,10 @@ impl Watch<'_> {
                     if state.full {
                         return "disk full";
                     }
+                    // Those that cannot tell by themselves wait for more: serial lines.
+                    if allowance.used_up() {
+                        return "count";
+                    }
                     let totals: Vec<Totals> = self.tallies.iter().map(|t| t.totals()).collect();
                     let now = self.timeline.now();
                     self.status.show(started, now, &totals, &state);

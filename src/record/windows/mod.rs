@@ -130,11 +130,16 @@ impl Windows {
             return self.begin(Span::of(fired, self.floor), session);
         };
         let earlier = from < open.span.from;
-        if to > open.span.to
-            && let Some(skipped) = self.skipped.take()
-        {
-            self.next = skipped;
-            self.up_to_date = false;
+        if to > open.span.to {
+            // Between the two the memory may have been short.
+            if let Some(missing) = self.memory.take_given_up(open.span.to.plus(1)) {
+                self.incomplete = true;
+                open.say_missing(&missing, session);
+            }
+            if let Some(skipped) = self.skipped.take() {
+                self.next = skipped;
+                self.up_to_date = false;
+            }
         }
         if earlier && open.may_begin_anew() && !self.memory.lacks(open.span.from) {
             return self.begin_earlier(&fired, session);
@@ -193,7 +198,7 @@ impl Windows {
             }
             let done = open.cut_when_due(now, session);
             if syncs && done.is_ok() {
-                open.sync(now, &mut self.segments);
+                open.sync(self.passed, &mut self.segments);
             }
             let done = done.and_then(|()| open.split_when_full(now, &mut self.segments, session));
             self.check(done, session);
@@ -320,7 +325,10 @@ impl Windows {
     /// Forgets what no window can reach any more.
     fn forget(&mut self, session: &Session) {
         let (reach, only) = (self.keeping.reach, self.keeping.only);
-        let horizon = self.latest.nanos().saturating_sub(reach.saturating_add(SLACK));
+        // Only as far as the triggers have looked: behind a disk that stood still, what is taken now
+        // may be older than the recorder's own entries.
+        let seen = self.latest.min(self.passed).nanos();
+        let horizon = seen.saturating_sub(reach.saturating_add(SLACK));
         let needed = self.needed();
         self.memory.expire(Timestamp(horizon), needed, |bus, count| {
             if only {

@@ -48,6 +48,26 @@ fn session(timeline: &Timeline) -> Session {
     Session::new(buses, timeline.clone(), Pace::default(), about, None, progress)
 }
 
+fn windows(folder: &std::path::Path, layout: Layout, keeping: Keeping) -> Windows {
+    let options = WriterOptions { layout, ..WriterOptions::default() };
+    let target = Target::Folder(folder.to_owned(), "t".to_owned());
+    let segments = Segments::new(Arc::new(RealDisk), target, Split::default(), options).unwrap();
+    Windows::new(keeping, segments.windows().unwrap(), vec![None, None], 2)
+}
+
+/// A trigger with a window of so many milliseconds before and after.
+fn fired(time: Timestamp, before: u64, after: u64) -> Fired {
+    Fired {
+        time,
+        name: "t".to_owned(),
+        condition: "mark".to_owned(),
+        bus: None,
+        value: None,
+        run: Vec::new(),
+        window: Some(Window { before: before * MILLI, after: after * MILLI }),
+    }
+}
+
 /// What happens in a step of a test.
 #[derive(Clone, Debug)]
 enum Step {
@@ -96,12 +116,8 @@ proptest! {
         let timeline = Timeline::start(Arc::new(clock.clone()));
         let mut session = session(&timeline);
         let layout = if batch { Layout::Batch } else { Layout::Frame };
-        let options = WriterOptions { layout, ..WriterOptions::default() };
-        let target = Target::Folder(folder.path().to_owned(), "t".to_owned());
-        let segments = Segments::new(Arc::new(RealDisk), target, Split::default(), options).unwrap();
-        let row = segments.windows().unwrap();
         let keeping = Keeping { reach: 300 * MILLI, memory: 1 << 20, only };
-        let mut windows = Windows::new(keeping, row, vec![None, None], 2);
+        let mut windows = windows(folder.path(), layout, keeping);
         // The model: all frames, and the windows as intervals.
         let mut frames: Vec<(usize, u32, u64)> = Vec::new();
         let mut spans: Vec<(u64, u64)> = Vec::new();
@@ -126,17 +142,7 @@ proptest! {
                         }
                         _ => spans.push((from, to)),
                     }
-                    let window = Some(Window { before: before * MILLI, after: after * MILLI });
-                    let fired = Fired {
-                        time: now,
-                        name: "t".to_owned(),
-                        condition: "mark".to_owned(),
-                        bus: None,
-                        value: None,
-                        run: Vec::new(),
-                        window,
-                    };
-                    windows.want(fired, &mut session);
+                    windows.want(fired(now, before, after), &mut session);
                 }
                 Step::Round => {
                     windows.pass(Timestamp(now.nanos() - 5 * MILLI));
@@ -218,6 +224,32 @@ proptest! {
         let all: u64 = put.iter().map(|(entry, _)| weight(entry)).sum();
         prop_assert_eq!(all, kept + outside.values().sum::<u64>());
     }
+}
+
+#[test]
+fn behind_a_disk_that_stood_still_a_window_has_all_that_it_reaches() {
+    let folder = tempfile::tempdir().unwrap();
+    let clock = ManualClock::new(Reading { wall: START, steady: 0 });
+    let timeline = Timeline::start(Arc::new(clock.clone()));
+    let mut session = session(&timeline);
+    let keeping = Keeping { reach: 3_000 * MILLI, memory: 1 << 20, only: false };
+    let mut windows = windows(folder.path(), Layout::Frame, keeping);
+    let begun = timeline.now();
+    // The recorder's own sentence is of now; the frames that come behind it are of long before.
+    clock.advance(10_000 * MILLI);
+    let notice = Notice { level: Level::Info, text: "now".to_owned() };
+    windows.take(&Entry::Notice { time: timeline.now(), notice }, &mut session);
+    for number in 0..3_000_u32 {
+        let time = begun.plus(u64::from(number) * MILLI);
+        windows.take(&frame(number, 0, time), &mut session);
+        if number % 100 == 99 {
+            windows.on_tick(timeline.now(), false, &mut session);
+        }
+    }
+    windows.want(fired(begun.plus(2_999 * MILLI), 3_000, 0), &mut session);
+    let mut outcome = Outcome::default();
+    windows.finish("end", &mut session, &mut outcome);
+    assert_eq!(read(&outcome.windows[0]).len(), 3_000);
 }
 
 // Found by the model: a place behind a block that still grew.

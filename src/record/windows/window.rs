@@ -126,6 +126,8 @@ pub struct Window {
     only: bool,
     /// Some of it was not in the memory any more.
     lacks: bool,
+    /// Something was lost in an earlier part of it.
+    lost: bool,
 }
 
 impl Window {
@@ -141,15 +143,17 @@ impl Window {
         let segment = create(&span, 1, only, segments, session)?;
         let books = vec![Totals::default(); session.buses.len()];
         let decoders = Decoders(streams);
-        let lacks = missing.is_some();
-        let mut window = Self { span, segment, decoders, books, part: 1, only, lacks };
+        let (part, lacks) = (1, false);
+        let mut window = Self { span, segment, decoders, books, part, only, lacks, lost: false };
         if let Some(missing) = missing {
             window.say_missing(&missing, session);
         }
         Ok(window)
     }
 
-    fn say_missing(&mut self, missing: &GivenUp, session: &Session) {
+    /// Puts in what the memory had to give up, as gaps.
+    pub fn say_missing(&mut self, missing: &GivenUp, session: &Session) {
+        self.lacks = true;
         let (from, to) = missing.span;
         for (index, (bus, count)) in session.buses.iter().zip(&missing.counts).enumerate() {
             if *count == 0 {
@@ -222,10 +226,10 @@ impl Window {
         }
     }
 
-    /// Has what is written made safe.
-    pub fn sync(&self, now: Timestamp, segments: &mut Segments) {
-        let time = self.segment.writer.pending_span().map_or(now, |span| span.0);
-        segments.sync(&self.segment, time);
+    /// Has what is written made safe. Everything before `passed` has been taken.
+    pub fn sync(&self, passed: Timestamp, segments: &mut Segments) {
+        let pending = self.segment.writer.pending_span();
+        segments.sync(&self.segment, pending.map_or(passed, |span| span.0.min(passed)));
     }
 
     /// The name its file has now.
@@ -240,7 +244,7 @@ impl Window {
         segments: &mut Segments,
         session: &mut Session,
     ) -> Result<(), Trouble> {
-        if !segments.is_full(&self.segment, now) {
+        if !segments.is_full(&self.segment, now) || segments.is_behind() {
             return Ok(());
         }
         self.cut(session)?;
@@ -250,6 +254,7 @@ impl Window {
         let full = std::mem::replace(&mut self.segment, next);
         self.part += 1;
         self.decoders.new_file();
+        self.lost |= self.books.iter().any(|books| books.lost() > 0);
         self.books.fill(Totals::default());
         Ok(segments.finish(full, summary)?)
     }
@@ -268,7 +273,7 @@ impl Window {
         let summary = self.summary(reason, session);
         let path = self.segment.path.clone();
         segments.finish(self.segment, summary)?;
-        let incomplete = self.books.iter().any(|books| books.lost() > 0);
+        let incomplete = self.lost || self.books.iter().any(|books| books.lost() > 0);
         Ok(Finished { path, span: self.span, incomplete })
     }
 

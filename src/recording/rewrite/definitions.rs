@@ -7,7 +7,7 @@ use mcap::records::op;
 use super::record_of;
 use crate::recording::chunk::{Chunk, MessageIndex};
 use crate::recording::container::Container;
-use crate::recording::limits::MAX_DEFINITIONS;
+use crate::recording::limits::{FACT, MAX_DEFINITIONS};
 use crate::recording::records::{Channel, HEAD, Message, Record, Schema, records};
 use crate::recording::segment::Segment;
 
@@ -59,14 +59,14 @@ impl Definitions {
 
     /// Takes in a definition. False if it contradicts what is known and came from a sound place.
     pub fn learn(&mut self, opcode: u8, body: &[u8], sound: bool) -> bool {
-        let fits = self.bytes.saturating_add(body.len()) <= MAX_DEFINITIONS;
+        let fits = |bytes: usize, more: usize| bytes.saturating_add(more) <= MAX_DEFINITIONS;
         if opcode == op::SCHEMA {
             let Some(schema) = Schema::of(body).filter(|schema| schema.id > 0) else {
                 return !sound;
             };
             return match self.schemas.get(&schema.id) {
                 Some(known) => *known == schema || !sound,
-                None if fits => {
+                None if fits(self.bytes, body.len()) => {
                     self.bytes += body.len();
                     self.schemas.insert(schema.id, schema);
                     true
@@ -75,14 +75,15 @@ impl Definitions {
             };
         }
         let Some(channel) = Channel::of(body) else { return !sound };
+        let cost = body.len() + channel.metadata.len() * FACT;
         match self.channels.get(&channel.id) {
             Some(known) if *known == channel || !sound => true,
             Some(_) => {
                 self.ambiguous.insert(channel.id);
                 false
             }
-            None if fits => {
-                self.bytes += body.len();
+            None if fits(self.bytes, cost) => {
+                self.bytes += cost;
                 self.channels.insert(channel.id, channel);
                 true
             }

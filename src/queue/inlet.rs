@@ -236,7 +236,7 @@ mod tests {
         for t in 2..1_000 {
             inlet.gap(GapReason::KernelQueue, 3, Timestamp(t), Timestamp(t + 1));
         }
-        assert_eq!(queue.fill().1, 2 * ITEM);
+        assert_eq!(queue.fill(), 2 * ITEM);
         assert_eq!(take(&queue), frames(0..2));
         drop(inlet);
         let rest = take(&queue);

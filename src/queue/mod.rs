@@ -44,7 +44,6 @@ pub struct Queue {
 struct State {
     items: VecDeque<Item>,
     bytes: usize,
-    peak: usize,
     /// Set when nothing more will come, and by [`Queue::poke`].
     closed: bool,
     poked: bool,
@@ -85,10 +84,9 @@ impl Queue {
         self.wake.notify_all();
     }
 
-    /// Bytes waiting now, and the most that ever waited.
-    pub fn fill(&self) -> (usize, usize) {
-        let state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
-        (state.bytes, state.peak)
+    /// Bytes waiting now.
+    pub fn fill(&self) -> usize {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner).bytes
     }
 
     /// Takes all of `frames` or nothing. With `force`, also beyond the limit: for the few small
@@ -101,7 +99,6 @@ impl Queue {
         }
         let before = state.bytes;
         state.bytes += bytes;
-        state.peak = state.peak.max(state.bytes);
         state.items.extend(frames.drain(..).map(|frame| Item { bus, frame }));
         if before < self.wake_bytes && state.bytes >= self.wake_bytes {
             self.wake.notify_one();

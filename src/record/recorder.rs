@@ -1,6 +1,7 @@
-//! The writer's loop: takes from the queue, writes, syncs, splits, keeps the books.
+//! The writer's loop: takes from the queue, writes, splits, keeps the books; what it would have to wait
+//! for, a thread of its own does (`disk_thread.rs`).
 //!
-//! One plain thread. It may wait for the disk as long as it takes: capture goes on beside it, and
+//! One plain thread. It may wait for a write as long as that takes: capture goes on beside it, and
 //! what no longer fits into the queue meanwhile is counted there.
 
 use std::sync::Arc;
@@ -262,7 +263,7 @@ impl Recorder {
             self.put(&Entry::Stats { bus, time: now, stats });
         }
         self.last_stats = now;
-        self.session.progress.queued(self.queue.fill().0);
+        self.session.progress.queued(self.queue.fill());
     }
 
     fn finish(mut self, reason: &str) -> Outcome {

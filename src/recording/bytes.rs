@@ -33,6 +33,13 @@ where
     Ok(())
 }
 
+/// A record with this content.
+pub fn with_head(opcode: u8, body: &[u8]) -> Vec<u8> {
+    let mut record = Vec::with_capacity(body.len() + 9);
+    put_bytes(&mut record, opcode, body);
+    record
+}
+
 /// Appends a record with this content.
 pub fn put_bytes(out: &mut Vec<u8>, opcode: u8, body: &[u8]) {
     out.push(opcode);

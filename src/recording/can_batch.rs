@@ -73,11 +73,6 @@ impl BatchBuilder {
         self.times.len() >= self.limit
     }
 
-    /// Bytes of payload collected so far.
-    pub fn payload_bytes(&self) -> usize {
-        self.data.len()
-    }
-
     /// Time of the first frame.
     pub fn first(&self) -> Option<Timestamp> {
         self.times.first().copied().map(Timestamp)

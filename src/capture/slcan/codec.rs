@@ -4,7 +4,7 @@
 //! stamp; the Linux driver `drivers/net/can/slcan` for `s` and `e`; the CANable 2 firmware for the
 //! CAN FD letters `d D b B` (there is no standard for these).
 
-use crate::frame::{CanFlags, CanFrame};
+use crate::frame::{CanFlags, CanFrame, FD_LENGTHS, fd_dlc};
 
 /// What an adapter says in one line (without the CR or BELL that ends it).
 #[derive(Clone, Debug, PartialEq)]
@@ -28,9 +28,6 @@ pub mod status {
     /// The controller lost a frame (data overrun).
     pub const OVERRUN: u8 = 0x08;
 }
-
-/// CAN FD: payload length for each DLC.
-const FD_LENGTH: [usize; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64];
 
 const LAST_MILLISECOND: u16 = 59_999;
 
@@ -79,7 +76,7 @@ fn frame(letter: u8, rest: &[u8]) -> Option<Line> {
     let dlc = u8::try_from(hex(dlc, 1)?).ok()?;
     let length = match flags {
         _ if flags.has(CanFlags::REMOTE) => 0,
-        _ if flags.has(CanFlags::FD) => FD_LENGTH[usize::from(dlc)],
+        _ if flags.has(CanFlags::FD) => usize::from(FD_LENGTHS[usize::from(dlc)]),
         // A classic frame may say 9 to 15 on the bus and still carries 8 bytes.
         _ => usize::from(dlc.min(8)),
     };
@@ -203,7 +200,7 @@ pub fn encode(frame: &CanFrame) -> Option<String> {
     let length = frame.data().len();
     let dlc = match frame.dlc {
         0 if flags.has(CanFlags::REMOTE) => 0,
-        0 => FD_LENGTH.iter().position(|&l| l >= length)?,
+        0 => usize::from(fd_dlc(length)),
         dlc => usize::from(dlc),
     };
     let _ = write!(line, "{dlc:X}");
@@ -211,7 +208,9 @@ pub fn encode(frame: &CanFrame) -> Option<String> {
         let _ = write!(line, "{byte:02X}");
     }
     // A length between two DLCs is filled up, as a CAN FD controller does.
-    for _ in length..if flags.has(CanFlags::FD) { FD_LENGTH[dlc & 15] } else { length } {
+    let fd = flags.has(CanFlags::FD);
+    let padded = if fd { usize::from(FD_LENGTHS[dlc & 15]) } else { length };
+    for _ in length..padded {
         line.push_str("00");
     }
     line.push('\r');

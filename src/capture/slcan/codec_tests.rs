@@ -116,7 +116,7 @@ fn any_frame() -> impl Strategy<Value = CanFrame> {
             } else {
                 id & 0x7FF
             };
-            let length = FD_LENGTH[usize::from(dlc)];
+            let length = usize::from(FD_LENGTHS[usize::from(dlc)]);
             match kind {
                 0 => CanFrame::new(id, flags, &data[..length.min(8)]).with_dlc(if dlc > 8 {
                     dlc

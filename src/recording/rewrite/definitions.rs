@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use mcap::records::op;
 
-use super::record_of;
+use crate::recording::bytes::with_head;
 use crate::recording::chunk::{Chunk, MessageIndex};
 use crate::recording::container::Container;
 use crate::recording::limits::{FACT, MAX_DEFINITIONS};
@@ -149,12 +149,12 @@ impl Definitions {
         if let Some(schema) = self.schemas.get(&channel.schema).cloned() {
             let body = schema.body();
             if !self.told.contains(&(op::SCHEMA, schema.id)) {
-                chunk.define(&record_of(op::SCHEMA, &body));
+                chunk.define(&with_head(op::SCHEMA, &body));
             }
             self.tell(op::SCHEMA, &body, out);
         }
         let body = channel.body();
-        chunk.define(&record_of(op::CHANNEL, &body));
+        chunk.define(&with_head(op::CHANNEL, &body));
         self.tell(op::CHANNEL, &body, out);
     }
 
@@ -164,7 +164,7 @@ impl Definitions {
         if !self.told.insert((opcode, id)) {
             return;
         }
-        let record = record_of(opcode, body);
+        let record = with_head(opcode, body);
         match opcode {
             op::SCHEMA => out.enter_schema(&record),
             _ => out.enter_channel(&record),

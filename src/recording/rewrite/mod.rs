@@ -19,6 +19,7 @@ use mcap::records::op;
 
 pub use report::{Lost, Report};
 
+use super::bytes::with_head;
 use super::chunk::{Chunk, MessageIndex};
 use super::container::Container;
 use super::definition::Facts;
@@ -233,7 +234,7 @@ impl<'a> Rewrite<'a> {
                     self.report.of_chunk(kept);
                 }
                 _ if damaged => {}
-                _ => self.chunk.define(&record_of(opcode, body)),
+                _ => self.chunk.define(&with_head(opcode, body)),
             }
         }
         self.flush()
@@ -406,11 +407,4 @@ fn attachment_crc(walk: &Walk<'_>, at: u64, length: u64) -> bool {
 fn has_our_head(body: &[u8]) -> bool {
     let (sequence, log, publish) = (body.get(2..6), body.get(6..14), body.get(14..22));
     sequence == Some(&[0; 4]) && log == publish
-}
-
-fn record_of(opcode: u8, body: &[u8]) -> Vec<u8> {
-    let mut record = vec![opcode];
-    record.extend_from_slice(&(body.len() as u64).to_le_bytes());
-    record.extend_from_slice(body);
-    record
 }

@@ -38,6 +38,7 @@ mod foxglove;
 mod hostile;
 mod hostile_logs;
 mod import;
+mod import_honesty;
 mod kill;
 mod logs;
 mod mark;

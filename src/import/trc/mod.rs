@@ -7,7 +7,7 @@ use std::io::Read;
 use jiff::tz::TimeZone;
 
 use super::digits::{Words, decimal};
-use super::lines::Lines;
+use super::lines::{Line, Lines};
 use super::names::Names;
 use super::{ImportError, LogFrame, LogReader, Settings, Skipped, dates};
 use crate::frame::{Frame, Stamped, Timestamp};
@@ -82,7 +82,7 @@ impl LogReader for Reader {
     fn read(&mut self, into: &mut Vec<LogFrame>) -> Result<bool, ImportError> {
         let enough = into.len() + BATCH;
         while into.len() < enough {
-            let Some((number, text)) = self.lines.next_line()? else {
+            let Some(Line { number, text, .. }) = self.lines.next_line()? else {
                 self.finish();
                 return Ok(false);
             };

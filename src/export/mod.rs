@@ -2,6 +2,7 @@
 
 pub mod can_table;
 pub mod catalogue;
+mod foreign;
 pub mod frames;
 pub mod message_table;
 pub mod ordered;

@@ -31,6 +31,7 @@ mod decoded;
 mod disk;
 mod errors;
 mod export;
+mod export_frames;
 mod export_protocols;
 mod export_trouble;
 mod floods;

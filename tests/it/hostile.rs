@@ -409,7 +409,7 @@ fn more_definitions_than_there_can_be_and_two_of_one_number_are_told() {
     }
 }
 
-/// Eight thousand signals behind a switch that is itself behind 140,000 ranges.
+/// Eight thousand signals behind a switch that is itself behind 120,000 ranges.
 #[test]
 fn a_database_of_many_ranges_is_loaded_in_time() {
     let folder = tempfile::tempdir().unwrap();
@@ -420,7 +420,7 @@ fn a_database_of_many_ranges_is_loaded_in_time() {
     for number in 0..8000 {
         text += &signal(&format!("s{number} m{number}"), "64|8");
     }
-    let ranges: Vec<String> = (0..140_000).map(|n| format!("{0}-{0}", 2 * n)).collect();
+    let ranges: Vec<String> = (0..120_000).map(|n| format!("{0}-{0}", 2 * n)).collect();
     writeln!(text, "SG_MUL_VAL_ 291 S1 S0 {};", ranges.join(",")).unwrap();
     for number in 0..8000 {
         writeln!(text, "SG_MUL_VAL_ 291 s{number} S1 {number}-{number};").unwrap();

@@ -117,7 +117,7 @@ impl Export {
                 Some(range) => range,
                 None => range.insert(selection.range(frames[0].frame.time)?),
             };
-            self.meet_buses(merge.buses(), &frames)?;
+            self.meet_buses(merge.buses())?;
             for LogFrame { bus, frame } in &frames {
                 if range.contains(&frame.time) {
                     self.stamped(usize::from(*bus), frame)?;
@@ -141,19 +141,14 @@ impl Export {
         Ok(if self.counts.skipped > 0 { Ended::WithLoss } else { Ended::Well })
     }
 
-    /// Makes the buses known that these are the first frames of.
-    fn meet_buses(&mut self, names: &[String], frames: &[LogFrame]) -> Result<()> {
+    /// Makes the buses known that were not yet.
+    fn meet_buses(&mut self, names: &[String]) -> Result<()> {
         if self.buses.len() == names.len() && self.writer.is_some() {
             return Ok(());
         }
-        let known = self.buses.len();
-        let heads: Vec<BusHead> = (known..names.len())
-            .map(|index| {
-                let mut own = frames.iter().filter(|frame| usize::from(frame.bus) == index);
-                let serial = own.any(|frame| matches!(frame.frame.value, Frame::Serial(_)));
-                BusHead { name: names[index].clone(), serial, bitrate: None }
-            })
-            .collect();
+        let new = names.iter().skip(self.buses.len());
+        let heads: Vec<BusHead> =
+            new.map(|name| BusHead { name: name.clone(), bitrate: None }).collect();
         if self.writer.is_none() {
             return self.begin(&heads);
         }
@@ -209,16 +204,9 @@ impl Export {
 
 /// What the recording knows of a bus.
 fn head(recording: &Recording, name: &str) -> BusHead {
-    let serial = recording.segments.iter().any(|segment| {
-        segment.channels.values().any(|channel| {
-            let schema = segment.schemas.get(&channel.schema).map(|schema| schema.name.as_str());
-            channel.metadata.get("bus").is_some_and(|bus| bus == name)
-                && schema == Some("bustape.SerialBytes")
-        })
-    });
     let facts = format!("bustape.bus.{name}");
     let rate = recording.segments.iter().find_map(|segment| segment.fact(&facts, "bitrate"));
-    BusHead { name: name.to_owned(), serial, bitrate: rate.and_then(|text| text.parse().ok()) }
+    BusHead { name: name.to_owned(), bitrate: rate.and_then(|text| text.parse().ok()) }
 }
 
 /// Says what came of it, and what the format could not keep.

@@ -8,12 +8,12 @@ use super::fitting::Fitting;
 use super::kept::Unkept;
 use super::lines::Lines;
 use super::text;
+use crate::export::text::put_base64;
 use crate::frame::{CanFlags, CanFrame, Frame, Stamped};
 
 const SECOND: u64 = 1_000_000_000;
 const HEAD: &[u8] = b"time,bus,id,ext,rtr,error,fd,brs,esi,dir,dlc,data\n";
 const PYTHON_CAN_HEAD: &[u8] = b"timestamp,arbitration_id,extended,remote,error,dlc,data\n";
-const BASE64: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
 
 /// Which columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -117,14 +117,7 @@ fn python_can(out: &mut Vec<u8>, frame: &CanFrame) {
         if frame.flags.has(CanFlags::REMOTE) { dlc(frame) } else { frame.data().len() as u64 };
     text::decimal(out, length, 1, b'0');
     out.push(b',');
-    for part in frame.data().chunks(3) {
-        let byte = |index: usize| u32::from(part.get(index).copied().unwrap_or(0));
-        let bits = byte(0) << 16 | byte(1) << 8 | byte(2);
-        for place in 0..4 {
-            let digit = BASE64[(bits >> (18 - 6 * place)) as usize & 63];
-            out.push(if place <= part.len() { digit } else { b'=' });
-        }
-    }
+    put_base64(out, frame.data());
 }
 
 /// The length of the data, or what the frame says besides.

@@ -78,7 +78,7 @@ mod tests {
 
     #[test]
     fn names_stay_or_become_others_that_nobody_has() {
-        let head = |name: &&str| BusHead { name: (*name).into(), serial: false, bitrate: None };
+        let head = |name: &&str| BusHead { name: (*name).into(), bitrate: None };
         let names =
             ["Powertrain CAN", "Powertrain_CAN", "", "b\nus", "-1", "größe-2.x", "Powertrain\tCAN"];
         let fitting = Fitting::of(&names.iter().map(head).collect::<Vec<_>>());

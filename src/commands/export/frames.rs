@@ -259,7 +259,7 @@ fn say_unkept(what: &str, count: &str) {
     } else if what == EARLIER {
         output::warning(&format!(
             "{count} frames have the time of the first one, since they are earlier and this format \
-             counts from that; sort the log first, with \"bustape import\" and \"bustape convert\""
+             counts from that; import the log and export the recording, which sorts them"
         ));
     } else {
         output::note(&format!("this format does not keep {what} ({count} of the frames had them)"));

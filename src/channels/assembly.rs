@@ -60,7 +60,13 @@ impl AssemblyShape {
                 Content::One(value) => self.encoder.value(place, twin, plan, &value, out),
                 Content::Many(values) => {
                     for value in values {
-                        self.encoder.value(place, usize::MAX, plan, &value, out);
+                        match value {
+                            // An element that is left out would give its index to the next one.
+                            Value::Text(bytes) => {
+                                self.encoder.bytes(place, text(&bytes).as_bytes(), out);
+                            }
+                            value => self.encoder.value(place, usize::MAX, plan, &value, out),
+                        }
                     }
                 }
             }

@@ -254,8 +254,9 @@ fn extend(raw: i64, unused: u8) -> i64 {
     raw << (unused & 63) >> (unused & 63)
 }
 
+/// Numbers with a sign as the wire has them: small ones stay short.
 #[inline]
-fn zigzag(number: i64) -> u64 {
+pub(super) fn zigzag(number: i64) -> u64 {
     ((number << 1) ^ (number >> 63)) as u64
 }
 

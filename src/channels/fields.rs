@@ -1,6 +1,6 @@
 //! Fields of serial commands, and of messages of several CAN frames: shape and encoding.
 
-use super::encoder::{integer_kind, whole_number};
+use super::encoder::{integer_kind, whole_number, zigzag};
 use super::shape::{Field, Kind, Shape, numbers};
 use crate::protocol::payload::{FieldPlan, FieldType, Value};
 use crate::protocol::word::{Quantity, Reading, Values};
@@ -159,10 +159,6 @@ fn put_scaled(out: &mut Vec<u8>, number: u32, kind: Option<&Kind>, scaled: f64) 
         Some(Kind::Sint32 | Kind::Sint64) => put_varint(out, number, zigzag(scaled as i64)),
         _ => put_fixed(out, number, wire::FIXED64, &scaled.to_bits().to_le_bytes()),
     }
-}
-
-fn zigzag(number: i64) -> u64 {
-    ((number << 1) ^ (number >> 63)) as u64
 }
 
 /// Unlike [`wire::put_uint`] also writes 0: what is not written is absent.

@@ -148,6 +148,8 @@ impl Out<'_> {
         let Schema { name, descriptor, facts: mut metadata } = schema;
         metadata.insert("bus".to_owned(), self.names.bus.clone());
         metadata.insert("protocol".to_owned(), self.names.protocol.clone());
+        // A name with a slash would look like a part of the bus to whoever reads the topic.
+        let topic = topic.replace('/', "_");
         let id = self.sink.define(ChannelDefinition {
             topic: format!("/{}/{topic}", self.names.bus),
             encoding: "protobuf".to_owned(),

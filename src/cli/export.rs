@@ -204,6 +204,6 @@ fn parse_separator(text: &str) -> Result<char, String> {
         ("tab" | "\\t", ..) => Ok('\t'),
         (_, Some(c), None) if c.is_ascii_punctuation() && !"\"+-.'@=".contains(c) => Ok(c),
         (_, Some('\t'), None) => Ok('\t'),
-        _ => Err("give one of , ; | : or another mark that no number has, or tab".to_owned()),
+        _ => Err("give one of , ; | or another mark that no number has, or tab".to_owned()),
     }
 }

@@ -48,9 +48,9 @@ pub fn run(args: &DemoArgs) -> Result<Ended> {
         record::record(vec![station, rectifier], definitions, &plan(args)).await
     })?;
     let ended = record::report(&recorded, false)?;
-    println!();
+    output::result("\n")?;
     info::print(&Recording::open(recorded.files())?)?;
-    next_steps(recorded.files());
+    next_steps(recorded.files())?;
     Ok(ended)
 }
 
@@ -135,14 +135,19 @@ impl Drop for Vcan {
     }
 }
 
-fn next_steps(files: &[std::path::PathBuf]) {
-    let Some(file) = files.first().map(|file| file.display().to_string()) else { return };
+fn next_steps(files: &[std::path::PathBuf]) -> Result<()> {
+    let Some(file) = files.first().map(|file| file.display().to_string()) else {
+        return Ok(());
+    };
     // As it was called, so that the lines can be copied before anything is installed.
     let bustape = std::env::args().next().unwrap_or_else(|| "bustape".to_owned());
-    println!("\nLook    {bustape} cat {file} | less");
-    println!("Plot    in Foxglove: Open local file, {file};");
-    println!("        add a Plot of /station/BATMON_2.voltage, State Transitions of");
-    println!("        /station/INV1_1.mode_label and the Log");
-    println!("Replay  {bustape} replay {file} --to station=trace:");
-    println!("Export  {bustape} export {file} --format parquet -o tables");
+    Ok(output::result(&format!(
+        "\n\
+         Look    {bustape} cat {file} | less\n\
+         Plot    in Foxglove: Open local file, {file};\n        \
+         add a Plot of /station/BATMON_2.voltage, State Transitions of\n        \
+         /station/INV1_1.mode_label and the Log\n\
+         Replay  {bustape} replay {file} --to station=trace:\n\
+         Export  {bustape} export {file} --format parquet -o tables\n"
+    ))?)
 }

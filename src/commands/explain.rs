@@ -10,7 +10,7 @@ use std::io::{BufRead, BufReader, IsTerminal as _, Read as _, Write as _};
 
 use anyhow::{Context as _, Result, bail};
 
-use super::{Ended, output, protocols};
+use super::{Ended, UsageError, output, protocols};
 use crate::cli::ExplainArgs;
 use crate::decode::protocol::CanProtocol;
 use can::Explainer;
@@ -43,7 +43,7 @@ pub fn run(args: &ExplainArgs) -> Result<Ended> {
     } else {
         for text in &args.frames {
             if let Err(why) = explainer.line(text)? {
-                bail!(super::UsageError(format!("\"{text}\" is no frame: {why}")));
+                bail!(UsageError(format!("\"{text}\" is no frame: {why}")));
             }
         }
     }
@@ -73,11 +73,18 @@ fn explain_serial(protocol: crate::protocol::Protocol, args: &ExplainArgs) -> Re
         if args.frames.is_empty() {
             std::io::stdin()
                 .lock()
-                .take(MAX_HEX)
+                .take(MAX_HEX + 1)
                 .read_to_string(&mut digits)
                 .context("cannot read hexadecimal digits from stdin; for raw bytes use --input")?;
+            if digits.len() as u64 > MAX_HEX {
+                bail!(UsageError(format!(
+                    "stdin has more than {} MiB of hexadecimal digits; give the bytes themselves \
+                     with --input",
+                    MAX_HEX >> 20
+                )));
+            }
         }
-        let bytes = serial::from_hex(&digits).map_err(|e| super::UsageError(e.to_string()))?;
+        let bytes = serial::from_hex(&digits).map_err(|e| UsageError(e.to_string()))?;
         serial::explain(protocol, &mut &bytes[..], args.json, &mut out)?;
     }
     out.flush()?;

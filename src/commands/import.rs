@@ -71,9 +71,12 @@ pub fn run(args: &ImportArgs) -> Result<Ended> {
         output::warning(&format!("--bus {name}=...: no log has a bus {name}"));
     }
     for (from, to) in names.changed() {
-        output::note(&format!("bus \"{from}\" is named {to}, since names have no such characters"));
+        output::note(&format!(
+            "bus \"{}\" is named {to}, since a recording cannot have its name, or another bus has it",
+            from.escape_debug()
+        ));
     }
-    Ok(report.say(args.json))
+    report.say(args.json)
 }
 
 /// Opens a log as a person named it.

@@ -28,7 +28,7 @@ const GAPS_SHOWN: usize = 10;
 pub fn run(args: &InfoArgs) -> Result<Ended> {
     let recording = Recording::open(&args.files)?;
     if args.json {
-        println!("{}", printable_json(&as_json(&recording).to_string()));
+        output::result(&format!("{}\n", printable_json(&as_json(&recording).to_string())))?;
     } else {
         print(&recording)?;
     }

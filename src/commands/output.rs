@@ -17,6 +17,15 @@ pub fn stdout() -> BufWriter<StdoutLock<'static>> {
     BufWriter::with_capacity(64 << 10, io::stdout().lock())
 }
 
+/// Prints a result on stdout, without colours where that is no terminal.
+pub fn result(text: &str) -> io::Result<()> {
+    let mut out = anstream::AutoStream::auto(io::stdout().lock());
+    out.write_all(text.as_bytes()).and_then(|()| out.flush()).map_err(|error| {
+        // Its kind tells a reader that has gone away from a full disk.
+        io::Error::new(error.kind(), format!("cannot write to stdout: {error}"))
+    })
+}
+
 /// Why a command failed.
 pub fn error(text: &str) {
     if to_journal() {

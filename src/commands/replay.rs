@@ -38,7 +38,7 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
     let reaches = plan.reaches()?;
     if args.dry_run {
         plan.check_fd(&recording, &reaches)?;
-        return Ok(preview::show(args, &plan, &recording, &reaches));
+        return preview::show(args, &plan, &recording, &reaches);
     }
     let permit = permission::permit(args, &reaches)?;
     permission::confirm(args, &reaches)?;
@@ -70,7 +70,7 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
     drop(controls);
     say_notes(&mut stage.lanes);
     let verdicts: Vec<_> = stage.lanes.iter_mut().map(Lane::verdict).collect();
-    report::report(args, &plan, &stage, &outcome, &verdicts);
+    report::report(args, &plan, &stage, &outcome, &verdicts)?;
     drop(stage);
     let ended = ended(outcome, &recording, learnt.damaged)?;
     match verdicts.into_iter().flatten().find_map(|verdict| verdict.difference) {

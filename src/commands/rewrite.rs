@@ -182,10 +182,12 @@ pub fn head(recording: &Recording) -> Result<Head> {
     })
 }
 
-/// Metadata that are not the recorder's own, and what a window is about, each name once.
+/// Metadata that are not the recorder's own, what a window is about and what logs were imported, each
+/// name once.
 fn other_metadata(recording: &Recording) -> Vec<(String, Facts)> {
     let all = recording.segments.iter().flat_map(|segment| &segment.metadata);
-    let kept = |name: &str| name == "bustape.window" || !name.starts_with("bustape.");
+    let told = ["bustape.window", "bustape.import"];
+    let kept = |name: &str| told.contains(&name) || !name.starts_with("bustape.");
     let foreign = all.filter(|(name, _)| kept(name));
     let once: BTreeMap<_, _> = foreign.map(|(n, f)| (n.clone(), f.clone())).collect();
     once.into_iter().collect()

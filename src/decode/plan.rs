@@ -50,7 +50,8 @@ pub struct Plan {
 impl Plan {
     /// That of `message`.
     pub fn of(message: &Message) -> Self {
-        let mut compiler = Compiler { message, gates: Vec::new(), known: HashMap::new() };
+        let (known, above) = (HashMap::new(), HashMap::new());
+        let mut compiler = Compiler { message, gates: Vec::new(), known, above };
         let mut groups: Vec<Group> = Vec::new();
         let mut places: HashMap<Option<usize>, usize> = HashMap::new();
         for (index, signal) in message.signals.iter().enumerate() {
@@ -105,6 +106,8 @@ struct Compiler<'a> {
     message: &'a Message,
     gates: Vec<Check>,
     known: HashMap<(usize, &'a [Range]), usize>,
+    /// By switch, the gate that it stands behind itself: looked up once for all signals below.
+    above: HashMap<usize, Option<usize>>,
 }
 
 impl<'a> Compiler<'a> {
@@ -115,11 +118,20 @@ impl<'a> Compiler<'a> {
         }
         let switch = &self.message.signals[gate.switch];
         // A gate without values never opens and is its own switch: nothing is above it.
-        let above = switch.gate.as_ref().filter(|_| !gate.ranges.is_empty());
-        let above = above.map(|above| self.gate(above));
+        let above = if gate.ranges.is_empty() { None } else { self.above(gate.switch) };
         let index = self.gates.len();
         self.gates.push(Check { switch: Bits::of(switch), ranges: gate.ranges.clone(), above });
         self.known.insert(key, index);
         index
+    }
+
+    fn above(&mut self, switch: usize) -> Option<usize> {
+        if let Some(&known) = self.above.get(&switch) {
+            return known;
+        }
+        let message: &'a Message = self.message;
+        let gate = message.signals[switch].gate.as_ref().map(|gate| self.gate(gate));
+        self.above.insert(switch, gate);
+        gate
     }
 }

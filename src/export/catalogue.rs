@@ -7,6 +7,7 @@ use std::sync::Arc;
 use super::can_table::{ADDRESSES, CanPlan};
 use super::message_table::{Described, MessagePlan, compile};
 use super::table::{Row, Table};
+use crate::decode::dbc::names::Names;
 use crate::decode::definition::CanDefinition;
 use crate::frame::CanFrame;
 
@@ -82,8 +83,8 @@ impl Plan {
 /// frames looks like is worked out when it is asked for.
 pub struct Catalogue {
     origins: Vec<Origin>,
-    /// How many tables have a name; those of decoded channels may share one.
-    names: HashMap<(String, String), u32>,
+    /// By bus the names that tables of decoded channels have: their schemas may share one.
+    names: HashMap<String, Names>,
     wanted: Box<dyn Fn(&str) -> bool>,
 }
 
@@ -121,12 +122,8 @@ impl Catalogue {
     ) -> Range<u32> {
         let first = u32::try_from(self.origins.len()).unwrap_or(u32::MAX);
         for (plan, mut table) in compile(described, &self.wanted) {
-            let key = (table.bus.clone(), table.message.clone());
-            let count = self.names.entry(key).or_default();
-            *count += 1;
-            if *count > 1 {
-                table.message = format!("{}_{count}", table.message);
-            }
+            let names = self.names.entry(table.bus.clone()).or_default();
+            table.message = names.take(&table.message);
             add_files(&mut table, files);
             self.push(Origin::Message(Box::new((plan, table))));
         }

@@ -2,6 +2,7 @@
 
 pub mod can_table;
 pub mod catalogue;
+mod foreign;
 pub mod frames;
 pub mod message_table;
 pub mod ordered;
@@ -88,8 +89,6 @@ pub fn path_name(name: &str) -> String {
 pub struct BusHead {
     /// Its name.
     pub name: String,
-    /// A serial line; else CAN.
-    pub serial: bool,
     /// Bits per second, if known (CAN: of the arbitration phase).
     pub bitrate: Option<u32>,
 }

@@ -5,6 +5,8 @@ use std::fs::{self, File};
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
+use super::foreign;
+
 /// An output cannot be made or finished. The text is the whole sentence.
 #[derive(Debug, thiserror::Error)]
 #[error("{0}")]
@@ -63,7 +65,8 @@ impl Output {
         file.sync_all().and_then(|()| fs::rename(&part, path)).map_err(|error| {
             fs::remove_file(&part).ok();
             OutputError(about(path, &error).to_string())
-        })
+        })?;
+        sync_above(path)
     }
 
     fn with<T>(&mut self, act: impl FnOnce(&mut File) -> io::Result<T>) -> io::Result<T> {
@@ -118,9 +121,6 @@ pub struct OutputFolder {
     finished: bool,
 }
 
-/// Endings of the files that exports put into folders: nothing else is ever removed.
-const OURS: [&str; 3] = ["parquet", "csv", "part"];
-
 impl OutputFolder {
     /// Creates `path`.part. An existing `path` is replaced in the end if `force`, and if it holds
     /// nothing but files that an export made.
@@ -128,11 +128,11 @@ impl OutputFolder {
         let empty = fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_none());
         if !empty {
             refuse_existing(path, force)?;
-            refuse_foreign(path)?;
+            foreign::refuse(path)?;
         }
         let part = part_of(path);
         if force && part.is_dir() {
-            refuse_foreign(&part)?;
+            foreign::refuse(&part)?;
             fs::remove_dir_all(&part).map_err(|e| failed("remove", &part, &e))?;
         }
         fs::create_dir(&part).map_err(|error| match error.kind() {
@@ -150,16 +150,17 @@ impl OutputFolder {
         &self.part
     }
 
-    /// Gives the folder its name, after each `NAME.part` in it has become `NAME`.
+    /// Gives the folder its name, after each `NAME.part` in it has become `NAME`. All of it is on the
+    /// disk before the folder that it replaces is removed.
     pub fn finish(mut self) -> Result<(), OutputError> {
         name_parts(&self.part)?;
         if self.force && self.path.is_dir() {
-            refuse_foreign(&self.path)?;
+            foreign::refuse(&self.path)?;
             fs::remove_dir_all(&self.path).map_err(|e| failed("replace", &self.path, &e))?;
         }
         fs::rename(&self.part, &self.path).map_err(|e| failed("create", &self.path, &e))?;
         self.finished = true;
-        Ok(())
+        sync_above(&self.path)
     }
 }
 
@@ -171,6 +172,7 @@ impl Drop for OutputFolder {
     }
 }
 
+/// Makes each file durable before it gets its name, and each folder after that.
 fn name_parts(folder: &Path) -> Result<(), OutputError> {
     let mut folders = vec![folder.to_owned()];
     while let Some(inside) = folders.pop() {
@@ -179,15 +181,32 @@ fn name_parts(folder: &Path) -> Result<(), OutputError> {
             if path.is_dir() {
                 folders.push(path);
             } else if path.extension().is_some_and(|ending| ending == "part") {
+                sync(&path)?;
                 fs::rename(&path, path.with_extension(""))
                     .map_err(|e| failed("name", &path, &e))?;
             }
         }
+        sync(&inside)?;
     }
     Ok(())
 }
 
-fn failed(what: &str, path: &Path, error: &io::Error) -> OutputError {
+/// Makes a file durable, or the names in a folder.
+fn sync(path: &Path) -> Result<(), OutputError> {
+    let synced = File::open(path).and_then(|file| file.sync_all());
+    synced.map_err(|e| failed("write to the disk", path, &e))
+}
+
+/// Makes a new name durable.
+fn sync_above(path: &Path) -> Result<(), OutputError> {
+    let above = path.parent().filter(|above| !above.as_os_str().is_empty());
+    let above = above.unwrap_or(Path::new("."));
+    // A folder that may be written but not read cannot be opened for this; the file is there.
+    let unreadable = |e: io::Error| e.kind() == io::ErrorKind::PermissionDenied;
+    if File::open(above).is_err_and(unreadable) { Ok(()) } else { sync(above) }
+}
+
+pub(super) fn failed(what: &str, path: &Path, error: &io::Error) -> OutputError {
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
     let next = match folder {
         Some(folder) if error.kind() == io::ErrorKind::NotFound && !folder.exists() => {
@@ -204,35 +223,6 @@ fn refuse_existing(path: &Path, force: bool) -> Result<(), OutputError> {
             "{} exists and is not overwritten; choose another name or use --force",
             path.display()
         )));
-    }
-    Ok(())
-}
-
-/// An error if `folder` holds anything that no export puts there.
-fn refuse_foreign(folder: &Path) -> Result<(), OutputError> {
-    let Ok(about) = folder.symlink_metadata() else { return Ok(()) };
-    let foreign = |path: &Path| {
-        OutputError(format!(
-            "{} is not the work of an export, so {} is not replaced; choose another name",
-            path.display(),
-            folder.display()
-        ))
-    };
-    if !about.is_dir() {
-        return Err(foreign(folder));
-    }
-    let mut folders = vec![folder.to_owned()];
-    while let Some(inside) = folders.pop() {
-        for entry in fs::read_dir(&inside).map_err(|e| failed("read", &inside, &e))? {
-            let entry = entry.map_err(|e| failed("read", &inside, &e))?;
-            let (path, kind) = (entry.path(), entry.file_type());
-            let ours = path.extension().is_some_and(|ending| OURS.iter().any(|o| ending == *o));
-            match kind {
-                Ok(kind) if kind.is_dir() => folders.push(path),
-                Ok(kind) if kind.is_file() && ours => {}
-                _ => return Err(foreign(&path)),
-            }
-        }
     }
     Ok(())
 }

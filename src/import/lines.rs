@@ -1,6 +1,7 @@
 //! The lines of a text of any length, from a buffer of fixed size.
 
 use std::io::{self, ErrorKind, Read};
+use std::ops::Range;
 
 use super::Skipped;
 
@@ -9,6 +10,24 @@ use super::Skipped;
 const MAX_LINE: usize = 16 << 10;
 /// Read at once.
 const BUFFER: usize = 256 << 10;
+
+/// A line, without its end and the blanks before that.
+#[derive(Clone, Copy, Debug)]
+pub struct Line<'a> {
+    /// Its number, from 1.
+    pub number: u64,
+    /// What stands in it.
+    pub text: &'a [u8],
+    /// Its end was there: the last line of a log that was cut off has none.
+    pub whole: bool,
+}
+
+impl Line<'_> {
+    /// The sentence for a line whose frame may have had more bytes, which nothing else would tell.
+    pub fn may_be_cut() -> String {
+        "it has no end, so its frame may have been cut off; end the line if it is whole".to_owned()
+    }
+}
 
 /// Gives one line after another.
 pub struct Lines {
@@ -49,11 +68,11 @@ impl Lines {
         }
     }
 
-    /// The next line and its number, without its end and the blanks before that.
+    /// The next line.
     ///
     /// # Errors
     /// The input gives no more bytes.
-    pub fn next_line(&mut self) -> io::Result<Option<(u64, &[u8])>> {
+    pub fn next_line(&mut self) -> io::Result<Option<Line<'_>>> {
         // So far there is no end of line in what was searched.
         let mut searched = 0;
         loop {
@@ -67,7 +86,7 @@ impl Lines {
                 }
                 self.number += 1;
                 let line = line.start..line.end.min(line.start + MAX_LINE);
-                return Ok(Some((self.number, trimmed(&self.buffer[line]))));
+                return Ok(Some(self.line(line)));
             }
             searched = self.end - self.start;
             if self.skipping {
@@ -77,7 +96,7 @@ impl Lines {
                 self.start = self.end;
                 self.skipping = true;
                 self.number += 1;
-                return Ok(Some((self.number, &self.buffer[line])));
+                return Ok(Some(self.line(line)));
             }
             if self.ended {
                 let line = self.start..self.end;
@@ -87,10 +106,14 @@ impl Lines {
                 }
                 self.whole = false;
                 self.number += 1;
-                return Ok(Some((self.number, trimmed(&self.buffer[line]))));
+                return Ok(Some(self.line(line)));
             }
             self.fill()?;
         }
+    }
+
+    fn line(&self, place: Range<usize>) -> Line<'_> {
+        Line { number: self.number, text: trimmed(&self.buffer[place]), whole: self.whole }
     }
 
     fn fill(&mut self) -> io::Result<()> {
@@ -141,8 +164,8 @@ mod tests {
         for step in [1, 7, 1000, 1 << 20] {
             let mut lines = Lines::new(Box::new(Drops(text.clone().into_bytes(), step)));
             let mut found = Vec::new();
-            while let Some((number, line)) = lines.next_line().unwrap() {
-                found.push((number, String::from_utf8(line.to_vec()).unwrap()));
+            while let Some(Line { number, text, .. }) = lines.next_line().unwrap() {
+                found.push((number, String::from_utf8(text.to_vec()).unwrap()));
             }
             let cut = "x".repeat(MAX_LINE);
             let expected = [(1, "one"), (2, ""), (3, "  two"), (4, &cut), (5, "last")];

@@ -11,6 +11,9 @@ use crate::frame::{Frame, Timestamp};
 pub const WINDOW: usize = 16_384;
 /// Of more logs than this, each has a part of the room that so many have.
 const FULL_WINDOWS: usize = 4;
+/// Bytes of serial lines that wait in a window. A read of a line may have megabytes, so counting
+/// frames alone bounds nothing.
+const WINDOW_BYTES: usize = 32 << 20;
 /// Most frames given at once.
 const BATCH: usize = 4096;
 /// So many frames of a log are read before its turn comes: enough to know when that is.
@@ -48,12 +51,15 @@ pub struct Merge {
     disordered: u64,
     /// How late a frame may be, in frames of its log.
     window: usize,
+    /// Bytes of a log that may wait.
+    window_bytes: usize,
 }
 
 impl Merge {
     /// Merges logs; their buses are named by `naming`, and those of one name become one.
     pub fn new(readers: Vec<Box<dyn LogReader>>, start: Timestamp, naming: Naming) -> Self {
         let window = (FULL_WINDOWS * WINDOW / readers.len().max(1)).clamp(PEEK, WINDOW);
+        let window_bytes = (FULL_WINDOWS * WINDOW_BYTES / readers.len().max(1)).min(WINDOW_BYTES);
         let source = |reader| Source {
             reader,
             start,
@@ -73,6 +79,7 @@ impl Merge {
             last: Timestamp(0),
             disordered: 0,
             window,
+            window_bytes,
         }
     }
 
@@ -154,7 +161,8 @@ impl Merge {
         source.frames.drain(..source.next);
         (source.next, source.safe) = (0, 0);
         let enough = if source.begun { 2 * window } else { PEEK };
-        while !source.ended && source.frames.len() < enough {
+        let mut bytes = bytes_of(&source.frames);
+        while !source.ended && source.frames.len() < enough && bytes < self.window_bytes {
             let before = source.frames.len();
             let more = source.reader.read(&mut source.frames);
             source.ended = !more.map_err(|error| MergeError::Log { number, error })?;
@@ -174,6 +182,7 @@ impl Merge {
                 }
                 source.buses.push(index);
             }
+            bytes += bytes_of(&source.frames[before..]);
             for frame in &mut source.frames[before..] {
                 frame.bus = source.buses.get(usize::from(frame.bus)).copied().unwrap_or(frame.bus);
                 let counted = !matches!(frame.frame.value, Frame::Gap(_) | Frame::Notice(_));
@@ -183,7 +192,8 @@ impl Merge {
         if !source.frames.is_sorted_by_key(|frame| frame.frame.time) {
             source.frames.sort_by_key(|frame| frame.frame.time);
         }
-        let kept = if source.ended { 0 } else { window };
+        // Where bytes have ended the window before it was full, half of it can be given.
+        let kept = if source.ended { 0 } else { window.min(source.frames.len() / 2) };
         source.safe = match source.frames.len() {
             1.. if !source.begun => 1,
             count => count.saturating_sub(kept),
@@ -193,6 +203,15 @@ impl Merge {
         }
         Ok(())
     }
+}
+
+/// Bytes that frames keep outside of themselves.
+fn bytes_of(frames: &[LogFrame]) -> usize {
+    let bytes = |frame: &LogFrame| match &frame.frame.value {
+        Frame::Serial(bytes) => bytes.data.len(),
+        _ => 0,
+    };
+    frames.iter().map(bytes).sum()
 }
 
 impl Source {
@@ -236,7 +255,7 @@ pub enum MergeError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::frame::{CanFlags, CanFrame, Stamped};
+    use crate::frame::{CanFlags, CanFrame, Direction, SerialBytes, Stamped};
 
     /// Gives frames at these times.
     struct Scripted(Vec<u64>, Vec<String>, Skipped, bool);
@@ -298,6 +317,41 @@ mod tests {
             merged(&[(&third, "c", false), (&first, "a", false), (&second, "b", false)]);
         assert_eq!((frames.len(), disordered), (first.len() + second.len() + 10, 0));
         assert!(frames.is_sorted_by_key(|(time, _)| *time));
+    }
+
+    /// Gives reads of a line of 1 MiB each.
+    struct Heavy(u64, Vec<String>, Skipped);
+
+    impl LogReader for Heavy {
+        fn read(&mut self, into: &mut Vec<LogFrame>) -> Result<bool, ImportError> {
+            self.0 -= 1;
+            let data = vec![0; 1 << 20];
+            let bytes = SerialBytes { direction: Direction::Rx, data, errors: Vec::new() };
+            // Every other one stands behind the next.
+            let (time, value) = (Timestamp(self.0 ^ 1), Frame::Serial(bytes));
+            into.push(LogFrame { bus: 0, frame: Stamped { time, value } });
+            Ok(self.0 > 0)
+        }
+        fn buses(&self) -> &[String] {
+            &self.1
+        }
+        fn skipped(&self) -> &Skipped {
+            &self.2
+        }
+    }
+
+    #[test]
+    fn reads_of_megabytes_wait_in_a_bounded_memory() {
+        let heavy = Heavy(200, vec!["rect".to_owned()], Skipped::default());
+        let naming = Box::new(|_, name: &str| Ok(name.to_owned()));
+        let mut merge = Merge::new(vec![Box::new(heavy)], Timestamp(0), naming);
+        let (mut some, mut count) = (Vec::new(), 0);
+        while merge.next(&mut some).unwrap() {
+            count += some.len();
+            let waiting = bytes_of(&merge.sources[0].frames);
+            assert!(waiting <= WINDOW_BYTES + (1 << 20), "{waiting} bytes wait");
+        }
+        assert_eq!(count, 200);
     }
 
     #[test]

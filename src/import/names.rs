@@ -2,6 +2,8 @@
 
 /// Most buses of one log: a text that is no log must not fill the memory with names.
 const MOST: usize = 256;
+/// Characters of a name that are kept: a file may call a bus whatever it likes at any length.
+const LONGEST: usize = 64;
 
 /// Finds the index of a bus by its name.
 #[derive(Debug, Default)]
@@ -17,8 +19,11 @@ impl Names {
         &self.names
     }
 
-    /// The index of a name; a new one is appended. The error says why it cannot be.
+    /// The index of a name, of which the first [`LONGEST`] characters count; a new one is appended.
+    /// The error says why it cannot be.
     pub fn index(&mut self, name: &str) -> Result<u16, String> {
+        let end = name.char_indices().nth(LONGEST).map_or(name.len(), |(end, _)| end);
+        let name = &name[..end];
         if self.names.get(usize::from(self.last)).is_some_and(|last| last == name) {
             return Ok(self.last);
         }

@@ -226,12 +226,10 @@ fn text(text: Option<&str>) -> Json {
     text.map_or(Json::Null, Json::from)
 }
 
-/// Bytes as hexadecimal digits.
+/// Bytes as hexadecimal digits, lower case, as JSON and people get them.
 pub fn digits(bytes: &[u8]) -> String {
-    use std::fmt::Write as _;
     bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        // Writing to a String cannot fail.
-        let _ = write!(text, "{byte:02x}");
+        text.extend([byte >> 4, byte & 15].map(|d| char::from_digit(d.into(), 16).unwrap_or('?')));
         text
     })
 }

@@ -73,7 +73,7 @@ const ONLY: [(&str, &str, &[&str]); 3] = [
     ("capture", "queue", &["Inlet", "{Controller"]),
     ("record", "capture", &["BusFacts"]),
     // Decoded channels are messages of a recording.
-    ("export", "recording", &["wire::{Field"]),
+    ("export", "recording", &["wire::{Field", "descriptor"]),
 ];
 
 /// The source files without their tests and comments, by path below `src`.

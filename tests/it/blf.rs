@@ -56,7 +56,7 @@ pub fn written<W: FrameWriter>(
     log: &(Vec<LogFrame>, Vec<String>, u64),
     create: impl FnOnce(&[BusHead]) -> std::io::Result<W>,
 ) {
-    let head = |name: &String| BusHead { name: name.clone(), serial: false, bitrate: None };
+    let head = |name: &String| BusHead { name: name.clone(), bitrate: None };
     let buses: Vec<BusHead> = log.1.iter().map(head).collect();
     let mut writer = create(&buses).unwrap();
     for LogFrame { bus, frame } in &log.0 {

@@ -160,3 +160,12 @@ fn the_version_is_the_package_s() {
     let ran = bustape(["--version"]).expect(0);
     assert_eq!(ran.out, format!("bustape {}\n", env!("CARGO_PKG_VERSION")));
 }
+
+#[test]
+fn more_digits_than_are_taken_from_stdin_are_refused() {
+    let mut shell = std::process::Command::new("sh");
+    let line = "head -c 67108866 /dev/zero | tr '\\0' 0 | \"$0\" explain --decode zhongheng-09";
+    shell.args(["-c", line, crate::support::process::BUSTAPE]);
+    let ran = crate::support::process::spawn(shell).wait().expect(2);
+    assert!(ran.err.contains("stdin has more than 64 MiB"), "{}", ran.err);
+}

@@ -1,5 +1,6 @@
 //! Files that are damaged, or made to do harm.
 
+use std::fmt::Write as _;
 use std::io::Write as _;
 use std::os::unix::process::{CommandExt as _, ExitStatusExt as _};
 use std::path::{Path, PathBuf};
@@ -487,4 +488,27 @@ fn more_definitions_than_there_can_be_and_two_of_one_number_are_told() {
             survives(which, &file, name);
         }
     }
+}
+
+/// Eight thousand signals behind a switch that is itself behind 120,000 ranges.
+#[test]
+fn a_database_of_many_ranges_is_loaded_in_time() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.dbc");
+    let signal = |name: &str, bits: &str| format!(" SG_ {name} : {bits}@1+ (1,0) [0|0] \"\" Y\n");
+    let mut text =
+        format!("BO_ 291 A: 64 X\n{}{}", signal("S0 M", "0|32"), signal("S1 m0M", "32|32"));
+    for number in 0..8000 {
+        text += &signal(&format!("s{number} m{number}"), "64|8");
+    }
+    let ranges: Vec<String> = (0..120_000).map(|n| format!("{0}-{0}", 2 * n)).collect();
+    writeln!(text, "SG_MUL_VAL_ 291 S1 S0 {};", ranges.join(",")).unwrap();
+    for number in 0..8000 {
+        writeln!(text, "SG_MUL_VAL_ 291 s{number} S1 {number}-{number};").unwrap();
+    }
+    std::fs::write(&path, text).unwrap();
+    let begun = std::time::Instant::now();
+    let ran = bustape(args(&[&"protocols", &"check", &path])).expect(0);
+    assert!(ran.out.contains("8,002 signals"), "{}", ran.out);
+    assert!(begun.elapsed() < std::time::Duration::from_secs(3), "{:?}", begun.elapsed());
 }

@@ -3,10 +3,10 @@
 use serde_json::{Map, Value as Json, json};
 
 use super::super::output;
-use super::can::hex;
 use super::json::float;
 use crate::decode::assembly::{Assembled, AssemblyField, Content, text as as_text};
 use crate::frame::Timestamp;
+use crate::protocol::json::digits;
 use crate::protocol::payload::{Field, Value};
 use crate::text::{printable, printable_json, rfc3339};
 
@@ -49,7 +49,7 @@ fn to_json(assembled: &Assembled<'_>, time: Option<Timestamp>, bus: Option<&str>
         }
     }
     if let Some(raw) = &assembly.raw {
-        put(raw, json!(hex(assembled.bytes)));
+        put(raw, json!(digits(assembled.bytes)));
     }
     // Its texts come from the bus.
     format!("{}\n", printable_json(&Json::Object(object).to_string()))
@@ -77,7 +77,7 @@ fn number(field: &AssemblyField, value: &Value) -> Json {
         Value::F32(bits) => float(f32::from_bits(*bits).into()),
         Value::F64(bits) => float(f64::from_bits(*bits)),
         Value::Text(bytes) => json!(as_text(bytes)),
-        Value::Bytes(bytes) => json!(hex(bytes)),
+        Value::Bytes(bytes) => json!(digits(bytes)),
     }
 }
 
@@ -108,7 +108,7 @@ fn plain(assembled: &Assembled<'_>, time: Option<Timestamp>, bus: Option<&str>) 
         rows.push(vec![format!(" {}", plan.name), words.join(" ")]);
     }
     if let Some(raw) = &assembly.raw {
-        rows.push(vec![format!(" {raw}"), hex(assembled.bytes)]);
+        rows.push(vec![format!(" {raw}"), digits(assembled.bytes)]);
     }
     format!("{}\n{}", head.join("  "), output::table(&[], &[], rows))
 }

@@ -156,11 +156,3 @@ fn explain(
     let frame = Explained { line, found, remote, direction, readings };
     if json { json::text(&frame) } else { plain::text(&frame) }
 }
-
-/// Lower case, as JSON and people get it.
-pub fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        text.extend([byte >> 4, byte & 15].map(|d| char::from_digit(d.into(), 16).unwrap_or('?')));
-        text
-    })
-}

@@ -2,9 +2,10 @@
 
 use serde_json::{Map, Value as Json, json};
 
-use super::can::{Explained, hex};
+use super::can::Explained;
 use crate::decode::can::{Check, Value};
 use crate::frame::{CanFlags, CanFrame};
+use crate::protocol::json::digits;
 use crate::text::{printable_json, rfc3339};
 
 /// One line.
@@ -36,8 +37,8 @@ pub fn text(explained: &Explained<'_>) -> String {
         "signals": signals,
         "labels": labels,
         "absent": absent,
-        "extra": hex(found.map(|found| found.extra(frame)).unwrap_or_default()),
-        "data": hex(frame.data()),
+        "extra": digits(found.map(|found| found.extra(frame)).unwrap_or_default()),
+        "data": digits(frame.data()),
     });
     if has(CanFlags::ERROR) {
         value["error"] = json!(true);

@@ -1,11 +1,12 @@
 //! An explained frame for a person.
 
 use super::super::output;
-use super::can::{Explained, hex};
+use super::can::Explained;
 use crate::decode::can::{Check, Match, Reading, Value};
 use crate::decode::dbc::{Number, Signal};
 use crate::decode::j1939::Identifier;
 use crate::frame::{CanFlags, CanFrame};
+use crate::protocol::json::digits;
 use crate::text::{printable, rfc3339};
 
 /// A line for the frame and one for each signal.
@@ -32,7 +33,7 @@ pub fn text(explained: &Explained<'_>) -> String {
         let (declared, received) = (found.message.length, line.frame.data().len());
         facts.push(format!("{}: {received} of {declared} bytes", found.check.name()));
     }
-    let extra = hex(found.extra(&line.frame));
+    let extra = digits(found.extra(&line.frame));
     let extra = if extra.is_empty() { extra } else { format!("  extra: {extra}\n") };
     format!("{}\n{}{extra}", facts.join("  "), signals(found, explained.readings))
 }

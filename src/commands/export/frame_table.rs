@@ -47,7 +47,7 @@ pub fn run(args: &ExportArgs, selection: &Selection, interrupt: &Interrupt) -> R
     drop(writer);
     target.finish()?;
     counts.tables = 1;
-    report(args, &counts, files, &[]);
+    report(args, &counts, files, &[])?;
     Ok(if counts.is_lossy() { Ended::WithLoss } else { ended })
 }
 

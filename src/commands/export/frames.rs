@@ -9,10 +9,12 @@ use anyhow::Result;
 use serde_json::json;
 
 use super::input::{self, Progress, Source};
+use super::report::{print_totals, selected};
 use super::selection::Selection;
 use crate::cli::export::ExportArgs;
 use crate::commands::interrupt::Interrupt;
 use crate::commands::{Ended, output};
+use crate::export::frames::kept::EARLIER;
 use crate::export::{BusHead, FrameWriter};
 use crate::frame::{Frame, Stamped, Timestamp};
 use crate::import::format;
@@ -46,15 +48,18 @@ pub fn run(args: &ExportArgs, selection: &Selection, interrupt: &Interrupt) -> R
         None => BTreeMap::new(),
     };
     interrupt.check()?;
-    export.sink.finish()?;
+    // Before the output has its name: what was asked for cannot be, so there is none.
     export.filter.check_all_met()?;
-    Ok(report(args, &export.counts, &unkept, read))
+    export.sink.finish()?;
+    report(args, &export.counts, &unkept, read)
 }
 
 /// What happened to the frames.
 #[derive(Clone, Copy, Debug, Default)]
 struct Counts {
-    /// Frames and reads of serial lines that were wanted.
+    /// Frames and reads of serial lines that were there.
+    read: u64,
+    /// Of these, those that were wanted.
     wanted: u64,
     /// Lines or objects of logs that could not be taken.
     skipped: u64,
@@ -112,7 +117,7 @@ impl Export {
                 Some(range) => range,
                 None => range.insert(selection.range(frames[0].frame.time)?),
             };
-            self.meet_buses(merge.buses(), &frames)?;
+            self.meet_buses(merge.buses())?;
             for LogFrame { bus, frame } in &frames {
                 if range.contains(&frame.time) {
                     self.stamped(usize::from(*bus), frame)?;
@@ -136,19 +141,14 @@ impl Export {
         Ok(if self.counts.skipped > 0 { Ended::WithLoss } else { Ended::Well })
     }
 
-    /// Makes the buses known that these are the first frames of.
-    fn meet_buses(&mut self, names: &[String], frames: &[LogFrame]) -> Result<()> {
+    /// Makes the buses known that were not yet.
+    fn meet_buses(&mut self, names: &[String]) -> Result<()> {
         if self.buses.len() == names.len() && self.writer.is_some() {
             return Ok(());
         }
-        let known = self.buses.len();
-        let heads: Vec<BusHead> = (known..names.len())
-            .map(|index| {
-                let mut own = frames.iter().filter(|frame| usize::from(frame.bus) == index);
-                let serial = own.any(|frame| matches!(frame.frame.value, Frame::Serial(_)));
-                BusHead { name: names[index].clone(), serial, bitrate: None }
-            })
-            .collect();
+        let new = names.iter().skip(self.buses.len());
+        let heads: Vec<BusHead> =
+            new.map(|name| BusHead { name: name.clone(), bitrate: None }).collect();
         if self.writer.is_none() {
             return self.begin(&heads);
         }
@@ -188,11 +188,13 @@ impl Export {
     }
 
     fn stamped(&mut self, bus: usize, frame: &Stamped<Frame>) -> Result<()> {
+        let counted = u64::from(matches!(frame.value, Frame::Can(_) | Frame::Serial(_)));
+        self.counts.read += counted;
         let Some(Some(index)) = self.buses.get(bus) else { return Ok(()) };
         if !self.filter.passes(usize::from(*index), &frame.value) {
             return Ok(());
         }
-        self.counts.wanted += u64::from(matches!(frame.value, Frame::Can(_) | Frame::Serial(_)));
+        self.counts.wanted += counted;
         if let Some(writer) = &mut self.writer {
             writer.write(*index, frame)?;
         }
@@ -202,16 +204,9 @@ impl Export {
 
 /// What the recording knows of a bus.
 fn head(recording: &Recording, name: &str) -> BusHead {
-    let serial = recording.segments.iter().any(|segment| {
-        segment.channels.values().any(|channel| {
-            let schema = segment.schemas.get(&channel.schema).map(|schema| schema.name.as_str());
-            channel.metadata.get("bus").is_some_and(|bus| bus == name)
-                && schema == Some("bustape.SerialBytes")
-        })
-    });
     let facts = format!("bustape.bus.{name}");
     let rate = recording.segments.iter().find_map(|segment| segment.fact(&facts, "bitrate"));
-    BusHead { name: name.to_owned(), serial, bitrate: rate.and_then(|text| text.parse().ok()) }
+    BusHead { name: name.to_owned(), bitrate: rate.and_then(|text| text.parse().ok()) }
 }
 
 /// Says what came of it, and what the format could not keep.
@@ -220,24 +215,17 @@ fn report(
     counts: &Counts,
     unkept: &BTreeMap<&'static str, u64>,
     read: Ended,
-) -> Ended {
+) -> Result<Ended> {
     // Whole frames that the format has no place for.
     let lost =
         unkept.iter().filter(|(what, _)| what.ends_with("frames") && !what.contains(" are "));
     let lost: u64 = lost.map(|(_, count)| count).sum();
     let written = counts.wanted - lost.min(counts.wanted);
     for (what, count) in unkept {
-        if what.ends_with("frames") {
-            output::warning(&format!(
-                "{} {what} are not in the output: this format has none",
-                grouped(*count)
-            ));
-        } else {
-            let count = grouped(*count);
-            output::note(&format!(
-                "this format does not keep {what} ({count} of the frames had them)"
-            ));
-        }
+        say_unkept(what, &grouped(*count));
+    }
+    if counts.wanted == 0 {
+        output::warning(&format!("nothing was exported: {}", why_nothing(args, counts.read)));
     }
     if args.json {
         let format = clap::ValueEnum::to_possible_value(&args.format);
@@ -249,7 +237,7 @@ fn report(
             "skipped": counts.skipped,
             "unkept": unkept,
         });
-        anstream::eprintln!("{}", crate::text::printable_json(&value.to_string()));
+        print_totals(args, &value)?;
     } else {
         output::note(&format!(
             "{}: {} frames in = {} written, {} not expressible; {} lines or objects skipped",
@@ -260,6 +248,28 @@ fn report(
             grouped(counts.skipped),
         ));
     }
-    let complete = read == Ended::Well && lost == 0 && counts.skipped == 0;
-    if complete { Ended::Well } else { Ended::WithLoss }
+    let lost = lost + unkept.get(EARLIER).copied().unwrap_or(0) + counts.skipped;
+    let complete = read == Ended::Well && lost == 0 && counts.wanted > 0;
+    Ok(if complete { Ended::Well } else { Ended::WithLoss })
+}
+
+fn say_unkept(what: &str, count: &str) {
+    if what.ends_with("frames") {
+        output::warning(&format!("{count} {what} are not in the output: this format has none"));
+    } else if what == EARLIER {
+        output::warning(&format!(
+            "{count} frames have the time of the first one, since they are earlier and this format \
+             counts from that; import the log and export the recording, which sorts them"
+        ));
+    } else {
+        output::note(&format!("this format does not keep {what} ({count} of the frames had them)"));
+    }
+}
+
+/// What kept everything out of the output.
+fn why_nothing(args: &ExportArgs, read: u64) -> String {
+    match selected(args) {
+        _ if read == 0 => "the input has no frames".to_owned(),
+        options => format!("no frame of the input is selected by {options}"),
+    }
 }

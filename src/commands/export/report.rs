@@ -1,10 +1,11 @@
 //! What an export says when it is done.
 
-use serde_json::json;
+use anyhow::Result;
+use serde_json::{Value, json};
 
 use crate::cli::export::{ExportArgs, Shape};
 use crate::commands::output;
-use crate::text::grouped;
+use crate::text::{grouped, printable_json};
 
 /// What happened to what was read.
 #[derive(Clone, Copy, Debug, Default)]
@@ -67,7 +68,7 @@ impl Counts {
 }
 
 /// Says the totals.
-pub fn report(args: &ExportArgs, counts: &Counts, files: u64, notes: &[String]) {
+pub fn report(args: &ExportArgs, counts: &Counts, files: u64, notes: &[String]) -> Result<()> {
     if args.json {
         let totals = json!({
             "read": counts.frames + counts.reads + counts.messages,
@@ -78,11 +79,7 @@ pub fn report(args: &ExportArgs, counts: &Counts, files: u64, notes: &[String]) 
             "messages": counts.tables,
             "files": files,
         });
-        if args.output.as_os_str() == "-" {
-            output::note(&totals.to_string());
-        } else {
-            println!("{totals}");
-        }
+        print_totals(args, &totals)?;
     } else {
         output::note(&counts.sentence(files));
     }
@@ -92,11 +89,21 @@ pub fn report(args: &ExportArgs, counts: &Counts, files: u64, notes: &[String]) 
     if counts.rows == 0 {
         output::warning(&format!("nothing was exported: {}", why_nothing(args, counts)));
     }
+    Ok(())
 }
 
-/// What kept everything out of the output, and what to do.
-fn why_nothing(args: &ExportArgs, counts: &Counts) -> String {
-    let read = counts.frames + counts.reads + counts.messages;
+/// Prints totals on stdout, or on stderr where stdout is the output.
+pub fn print_totals(args: &ExportArgs, totals: &Value) -> Result<()> {
+    let text = printable_json(&totals.to_string());
+    if args.output.as_os_str() == "-" {
+        output::note(&text);
+        return Ok(());
+    }
+    Ok(output::result(&format!("{text}\n"))?)
+}
+
+/// The options that select something, with commas.
+pub fn selected(args: &ExportArgs) -> String {
     let selected = [
         ("--bus", !args.buses.is_empty()),
         ("--filter", !args.filters.is_empty()),
@@ -107,7 +114,13 @@ fn why_nothing(args: &ExportArgs, counts: &Counts) -> String {
     ];
     let selected: Vec<&str> =
         selected.iter().filter(|(_, given)| *given).map(|(name, _)| *name).collect();
-    let selected = selected.join(", ");
+    selected.join(", ")
+}
+
+/// What kept everything out of the output, and what to do.
+fn why_nothing(args: &ExportArgs, counts: &Counts) -> String {
+    let read = counts.frames + counts.reads + counts.messages;
+    let selected = selected(args);
     if read > 0 && read == counts.other {
         return "no bus has a protocol of its kind; CAN frames need a .dbc file or rules for CAN, \
                 bytes of serial lines a serial protocol (\"bustape protocols list\")"

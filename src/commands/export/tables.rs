@@ -47,7 +47,7 @@ pub fn run(args: &ExportArgs, selection: &Selection, interrupt: &Interrupt) -> R
     interrupt.check()?;
     target.finish()?;
     routes.counts.tables = routes.catalogue.messages();
-    report(args, &routes.counts, files, &notes);
+    report(args, &routes.counts, files, &notes)?;
     let lost = decoders.incomplete || routes.counts.is_lossy() || ended == Ended::WithLoss;
     Ok(if lost { Ended::WithLoss } else { Ended::Well })
 }

@@ -155,6 +155,11 @@ pub fn check(args: &ExportArgs) -> Result<()> {
     if style(args).decimal_comma && style(args).separator == b',' {
         return wrong("with --decimal comma the columns need another --separator, such as ;");
     }
+    if args.format == Format::Csv && args.time == TimeText::Iso && style(args).separator == b':' {
+        return wrong(
+            "times such as 03:15:00 have colons; choose another --separator, or --time epoch",
+        );
+    }
     Ok(())
 }
 

@@ -21,6 +21,8 @@ struct State {
     only: Option<(String, Option<String>)>,
     /// Names of logs that a recording cannot have.
     changed: BTreeMap<String, String>,
+    /// By name in the recording the name in the log, but for those that options give.
+    given: BTreeMap<String, String>,
 }
 
 impl Names {
@@ -80,16 +82,39 @@ impl State {
                 }
             };
         }
-        if check_name(name).is_ok() {
-            return Ok(name.to_owned());
+        let fitting = if check_name(name).is_ok() { name.to_owned() } else { fitting(name) };
+        let given = self.own(fitting, name);
+        if given != name {
+            self.changed.insert(name.to_owned(), given.clone());
         }
-        let fits = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
-        let mut fitting: String =
-            name.chars().map(|c| if fits(c) { c } else { '_' }).take(60).collect();
-        if fitting.is_empty() || fitting.starts_with('.') || fitting == "bustape" {
-            fitting.insert(0, '_');
-        }
-        self.changed.insert(name.to_owned(), fitting.clone());
-        Ok(fitting)
+        Ok(given)
     }
+
+    /// The wish, or the first of `wish_2`, `wish_3` and so on that no other bus has: nobody has said
+    /// that they are one.
+    fn own(&mut self, wish: String, name: &str) -> String {
+        let others = |to: &String| {
+            let asked_for = to != name && self.rules.iter().any(|(_, other, _)| other == to);
+            asked_for || self.given.get(to).is_some_and(|from| from != name)
+        };
+        let (mut free, mut number) = (wish.clone(), 1_u32);
+        while others(&free) {
+            number += 1;
+            free = format!("{wish}_{number}");
+        }
+        self.given.insert(free.clone(), name.to_owned());
+        free
+    }
+}
+
+/// A name that a recording can have.
+fn fitting(name: &str) -> String {
+    let fits = |c: char| c.is_ascii_alphanumeric() || matches!(c, '-' | '_' | '.');
+    // Short enough for a number behind it.
+    let mut fitting: String =
+        name.chars().map(|c| if fits(c) { c } else { '_' }).take(56).collect();
+    if fitting.is_empty() || fitting.starts_with('.') || fitting == "bustape" {
+        fitting.insert(0, '_');
+    }
+    fitting
 }

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use anyhow::Result;
 use serde_json::{Value, json};
 
 use super::books::Books;
@@ -49,7 +50,7 @@ impl Report {
     }
 
     /// Says it, and how the command ended.
-    pub fn say(&self, json: bool) -> Ended {
+    pub fn say(&self, json: bool) -> Result<Ended> {
         let read: u64 = self.logs.iter().map(|log| log.frames).sum();
         let skipped: u64 = self.logs.iter().map(|log| log.skipped.count).sum();
         for log in &self.logs {
@@ -65,7 +66,7 @@ impl Report {
         }
         if json {
             let text = printable_json(&self.json(skipped).to_string());
-            anstream::println!("{text}");
+            output::result(&format!("{text}\n"))?;
         } else {
             let written = std::fs::metadata(&self.output).map_or(0, |about| about.len());
             output::note(&format!(
@@ -79,7 +80,7 @@ impl Report {
             ));
         }
         let complete = skipped == 0 && read == self.books.frames;
-        if complete { Ended::Well } else { Ended::WithLoss }
+        Ok(if complete { Ended::Well } else { Ended::WithLoss })
     }
 
     fn json(&self, skipped: u64) -> Value {

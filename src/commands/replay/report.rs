@@ -1,6 +1,7 @@
 //! What a replay says of itself at its end.
 
 use std::fmt::Write as _;
+use std::io;
 
 use serde_json::{Value, json};
 
@@ -25,7 +26,7 @@ pub fn report(
     stage: &Stage<'_>,
     outcome: &Outcome,
     verdicts: &[Option<Verdict>],
-) {
+) -> io::Result<()> {
     let text = if args.json {
         format!("{}\n", as_json(plan, stage, outcome, verdicts))
     } else {
@@ -33,9 +34,9 @@ pub fn report(
     };
     if plan.targets.iter().any(|target| target.address == TargetAddress::Trace) {
         anstream::eprint!("{text}");
-    } else {
-        anstream::print!("{text}");
+        return Ok(());
     }
+    output::result(&text)
 }
 
 fn reason(outcome: &Outcome) -> &'static str {

@@ -32,17 +32,18 @@ impl<'a> Parser<'a> {
             return Ok(());
         }
         if let Some(Some(first)) = self.messages.get(&raw) {
-            let first = self.db.messages.get(*first).map_or(0, |message| message.line);
-            let id = raw & !EXTENDED;
-            return Err(format!(
-                "identifier 0x{id:X} of {name} was defined in line {first} already, which stays; \
-                 this one with its signals is left out"
-            ));
+            return Err(self.defined_before(*first, raw & !EXTENDED, name));
         }
         if self.db.messages.len() >= MAX_MESSAGES {
             return Err(format!("there are {MAX_MESSAGES} messages already; {name} is left out"));
         }
         let (id, extended) = self.identifier(raw, line);
+        // Different numbers may mean one identifier, whose frames would find only one of the two.
+        if let Some(first) = self.identifiers.get(&(id, extended)) {
+            let why = self.defined_before(*first, id, name);
+            self.messages.insert(raw, None);
+            return Err(why);
+        }
         if length > u64::from(MAX_LENGTH) {
             let text = || format!("{name} cannot have {length} bytes; read as {MAX_LENGTH}");
             self.oddities.note(line, text);
@@ -56,6 +57,7 @@ impl<'a> Parser<'a> {
         let senders = sender.map(str::to_owned).into_iter().collect();
         let index = self.db.messages.len();
         self.messages.insert(raw, Some(index));
+        self.identifiers.insert((id, extended), index);
         self.open = Some(index);
         let name = unique;
         self.db.messages.push(Message {
@@ -68,6 +70,14 @@ impl<'a> Parser<'a> {
             ..Message::default()
         });
         Ok(())
+    }
+
+    fn defined_before(&self, first: usize, id: u32, name: &str) -> String {
+        let first = self.db.messages.get(first).map_or(0, |message| message.line);
+        format!(
+            "identifier 0x{id:X} of {name} was defined in line {first} already, which stays; this \
+             one with its signals is left out"
+        )
     }
 
     fn identifier(&mut self, raw: u32, line: u32) -> (u32, bool) {

@@ -10,7 +10,7 @@ mod lexer;
 mod message;
 mod model;
 mod multiplex;
-mod names;
+pub mod names;
 mod oddities;
 mod parser;
 mod signal;

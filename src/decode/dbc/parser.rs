@@ -44,6 +44,8 @@ pub struct Parser<'a> {
     pub oddities: Oddities,
     /// By identifier as in the file; `None`: refused, and said so.
     pub messages: HashMap<u32, Option<usize>>,
+    /// The messages by the identifier that their number means, and whether it has 29 bits.
+    pub identifiers: HashMap<(u32, bool), usize>,
     /// By message and name in the file.
     pub signals: HashMap<(usize, &'a str), usize>,
     pub tables: HashMap<&'a str, Labels>,

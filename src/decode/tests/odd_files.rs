@@ -110,6 +110,12 @@ fn of_two_messages_with_one_identifier_the_first_stays() {
     let text = format!("{ONE}BO_ 16 B: 8 X\n SG_ other : 0|8@1+ (1,0) [0|0] \"\" Y\n");
     assert_eq!(lines(&text), [3]);
     assert_eq!(names(&decoder(&text), &frame(16, &[0; 8])), ["s"]);
+    // Two numbers for one identifier: 0x800 does not fit in 11 bits, so it has 29 as well.
+    let text = "BO_ 2048 A: 8 X\n SG_ a : 0|8@1+ (1,0) [0|0] \"\" Y\n\
+                BO_ 2147485696 B: 8 X\n SG_ b : 0|8@1+ (1,0) [0|0] \"\" Y\nCM_ BO_ 2147485696 \"of B\";\n";
+    assert_eq!(lines(text), [1, 3]);
+    let messages = parse(text).database.messages;
+    assert_eq!((messages.len(), messages[0].comment.as_str()), (1, ""));
     let text = format!("{ONE}BO_ 17 A: 8 X\n");
     assert_eq!(parse(&text).database.messages[1].name, "A_2");
 }

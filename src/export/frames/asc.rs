@@ -8,6 +8,7 @@ use std::io::{self, Write};
 
 use super::super::{BusHead, FrameWriter};
 use super::channels::Channels;
+use super::fitting::in_one_line;
 use super::kept::Unkept;
 use super::lines::Lines;
 use super::start::Start;
@@ -106,6 +107,7 @@ impl<W> Asc<W> {
 /// ASC knows channels by number only; readers pass over comments.
 fn put_name(out: &mut Vec<u8>, bus: Option<&(u16, String)>) {
     if let Some((number, name)) = bus {
+        let name = in_one_line(name);
         out.extend_from_slice(format!("// bus {number} = {name}\n").as_bytes());
     }
 }

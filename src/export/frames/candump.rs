@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 
 use super::super::{BusHead, FrameWriter};
+use super::fitting::Fitting;
 use super::kept::Unkept;
 use super::lines::Lines;
 use super::text;
@@ -14,31 +15,27 @@ const SECOND: u64 = 1_000_000_000;
 
 /// Starts a log.
 pub fn create<W: Write>(out: W, buses: &[BusHead]) -> impl FrameWriter + use<W> {
-    let names = buses.iter().map(name).collect();
-    Candump { lines: Lines::new(out), names, unkept: Unkept::default() }
+    Candump { lines: Lines::new(out), names: Fitting::of(buses), unkept: Unkept::default() }
 }
 
 struct Candump<W> {
     lines: Lines<W>,
-    names: Vec<Vec<u8>>,
+    names: Fitting,
     unkept: Unkept,
-}
-
-fn name(bus: &BusHead) -> Vec<u8> {
-    bus.name.clone().into_bytes()
 }
 
 impl<W: Write> FrameWriter for Candump<W> {
     fn add_bus(&mut self, bus: &BusHead) -> io::Result<()> {
-        self.names.push(name(bus));
+        self.names.add(bus);
         Ok(())
     }
 
     fn write(&mut self, bus: u16, frame: &Stamped<Frame>) -> io::Result<()> {
-        let (Frame::Can(can), Some(name)) = (&frame.value, self.names.get(usize::from(bus))) else {
+        let Frame::Can(can) = &frame.value else {
             self.unkept.frame(&frame.value);
             return Ok(());
         };
+        let Some(name) = self.names.get(bus, &mut self.unkept) else { return Ok(()) };
         let nanos = frame.time.nanos();
         self.unkept.time(nanos, 1000);
         let out = self.lines.text();
@@ -47,7 +44,7 @@ impl<W: Write> FrameWriter for Candump<W> {
         out.push(b'.');
         text::decimal(out, nanos % SECOND / 1000, 6, b'0');
         out.extend_from_slice(b") ");
-        out.extend_from_slice(name);
+        out.extend_from_slice(name.as_bytes());
         out.push(b' ');
         crate::text::candump::put(out, can);
         crate::text::candump::put_direction(out, can);

@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     fn of(names: &[&str]) -> Vec<u16> {
-        let head = |name: &&str| BusHead { name: (*name).into(), serial: false, bitrate: None };
+        let head = |name: &&str| BusHead { name: (*name).into(), bitrate: None };
         let channels = Channels::of(&names.iter().map(head).collect::<Vec<_>>());
         channels.list().iter().map(|(number, _)| *number).collect()
     }

@@ -4,15 +4,16 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 
 use super::super::{BusHead, FrameWriter};
+use super::fitting::Fitting;
 use super::kept::Unkept;
 use super::lines::Lines;
 use super::text;
+use crate::export::text::put_base64;
 use crate::frame::{CanFlags, CanFrame, Frame, Stamped};
 
 const SECOND: u64 = 1_000_000_000;
 const HEAD: &[u8] = b"time,bus,id,ext,rtr,error,fd,brs,esi,dir,dlc,data\n";
 const PYTHON_CAN_HEAD: &[u8] = b"timestamp,arbitration_id,extended,remote,error,dlc,data\n";
-const BASE64: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
 
 /// Which columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,7 +27,7 @@ pub enum Columns {
 /// Starts a table.
 pub fn create<W: Write>(out: W, buses: &[BusHead], columns: Columns) -> impl FrameWriter + use<W> {
     let head = if columns == Columns::All { HEAD } else { PYTHON_CAN_HEAD };
-    let names = buses.iter().map(|bus| bus.name.clone()).collect();
+    let names = Fitting::of(buses);
     let mut lines = Lines::new(out);
     lines.text().extend_from_slice(head);
     Csv { lines, names, columns, unkept: Unkept::default() }
@@ -34,19 +35,19 @@ pub fn create<W: Write>(out: W, buses: &[BusHead], columns: Columns) -> impl Fra
 
 struct Csv<W> {
     lines: Lines<W>,
-    names: Vec<String>,
+    names: Fitting,
     columns: Columns,
     unkept: Unkept,
 }
 
 impl<W: Write> FrameWriter for Csv<W> {
     fn add_bus(&mut self, bus: &BusHead) -> io::Result<()> {
-        self.names.push(bus.name.clone());
+        self.names.add(bus);
         Ok(())
     }
 
     fn write(&mut self, bus: u16, frame: &Stamped<Frame>) -> io::Result<()> {
-        let (Frame::Can(can), Some(name)) = (&frame.value, self.names.get(usize::from(bus))) else {
+        let Frame::Can(can) = &frame.value else {
             self.unkept.frame(&frame.value);
             return Ok(());
         };
@@ -56,7 +57,12 @@ impl<W: Write> FrameWriter for Csv<W> {
         out.push(b'.');
         text::decimal(out, nanos % SECOND, 9, b'0');
         match self.columns {
-            Columns::All => all(out, name, can),
+            Columns::All => {
+                out.push(b',');
+                let name = self.names.get(bus, &mut self.unkept).unwrap_or_default();
+                out.extend_from_slice(name.as_bytes());
+                all(out, can);
+            }
             Columns::PythonCan => {
                 if can.flags.has(CanFlags::FD) {
                     self.unkept.add("that frames are CAN FD");
@@ -79,16 +85,7 @@ impl<W: Write> FrameWriter for Csv<W> {
     }
 }
 
-fn all(out: &mut Vec<u8>, name: &str, frame: &CanFrame) {
-    out.push(b',');
-    // A name of a log may have anything in it.
-    let plain = name.bytes().all(|byte| byte.is_ascii_alphanumeric() || b"-_.".contains(&byte));
-    if plain && !name.starts_with('-') {
-        out.extend_from_slice(name.as_bytes());
-    } else {
-        let fitting = |c: char| if c.is_alphanumeric() || "_.".contains(c) { c } else { '_' };
-        out.extend_from_slice(name.chars().map(fitting).collect::<String>().as_bytes());
-    }
+fn all(out: &mut Vec<u8>, frame: &CanFrame) {
     out.push(b',');
     text::hex_number(out, frame.id);
     let flags = [
@@ -120,14 +117,7 @@ fn python_can(out: &mut Vec<u8>, frame: &CanFrame) {
         if frame.flags.has(CanFlags::REMOTE) { dlc(frame) } else { frame.data().len() as u64 };
     text::decimal(out, length, 1, b'0');
     out.push(b',');
-    for part in frame.data().chunks(3) {
-        let byte = |index: usize| u32::from(part.get(index).copied().unwrap_or(0));
-        let bits = byte(0) << 16 | byte(1) << 8 | byte(2);
-        for place in 0..4 {
-            let digit = BASE64[(bits >> (18 - 6 * place)) as usize & 63];
-            out.push(if place <= part.len() { digit } else { b'=' });
-        }
-    }
+    put_base64(out, frame.data());
 }
 
 /// The length of the data, or what the frame says besides.

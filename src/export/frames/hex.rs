@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::io::{self, Write};
 
 use super::super::{BusHead, FrameWriter};
+use super::fitting::Fitting;
 use super::kept::Unkept;
 use super::text;
 use crate::frame::{Frame, Stamped};
@@ -12,29 +13,33 @@ const SECOND: u64 = 1_000_000_000;
 
 /// Starts a text.
 pub fn create<W: Write>(out: W, buses: &[BusHead]) -> impl FrameWriter + use<W> {
-    let names = buses.iter().map(|bus| bus.name.clone()).collect();
-    Hex { out, names, line: Vec::new(), unkept: Unkept::default() }
+    Hex { out, names: Fitting::of(buses), line: Vec::new(), unkept: Unkept::default() }
 }
 
 struct Hex<W> {
     out: W,
-    names: Vec<String>,
+    names: Fitting,
     line: Vec<u8>,
     unkept: Unkept,
 }
 
 impl<W: Write> FrameWriter for Hex<W> {
     fn add_bus(&mut self, bus: &BusHead) -> io::Result<()> {
-        self.names.push(bus.name.clone());
+        self.names.add(bus);
         Ok(())
     }
 
     fn write(&mut self, bus: u16, frame: &Stamped<Frame>) -> io::Result<()> {
-        let (Frame::Serial(bytes), Some(name)) = (&frame.value, self.names.get(usize::from(bus)))
-        else {
+        let Frame::Serial(bytes) = &frame.value else {
             self.unkept.frame(&frame.value);
             return Ok(());
         };
+        if bytes.data.is_empty() {
+            // Its errors would be comments, of which nobody knows the time.
+            self.unkept.add("empty serial frames");
+            return Ok(());
+        }
+        let Some(name) = self.names.get(bus, &mut self.unkept) else { return Ok(()) };
         let (nanos, mut time) = (frame.time.nanos(), vec![b'(']);
         text::decimal(&mut time, nanos / SECOND, 10, b'0');
         time.push(b'.');

@@ -4,6 +4,11 @@ use std::collections::BTreeMap;
 
 use crate::frame::Frame;
 
+/// Frames before the first one, in a format whose times count from that.
+pub const EARLIER: &str = "times before that of the first frame";
+/// Frames of buses that [`super::fitting`] had to give another name.
+pub const NAMES: &str = "names of buses with blanks or other marks";
+
 /// Counts what is lost on the way into a format.
 #[derive(Debug, Default)]
 pub struct Unkept(BTreeMap<&'static str, u64>);

@@ -1,4 +1,5 @@
-//! pcapng (draft-ietf-opsawg-pcapng): an interface for each bus, nanoseconds, the direction.
+//! pcapng (draft-ietf-opsawg-pcapng): an interface for each bus that has frames, nanoseconds, the
+//! direction. What kind of bus it is, its first frame tells: of a log nobody knows it before.
 //!
 //! CAN as LINKTYPE_CAN_SOCKETCAN (227), serial lines as LINKTYPE_RTAC_SERIAL (250), the link type
 //! that tcpdump.org registers for them and Wireshark shows.
@@ -21,7 +22,8 @@ const FDF: u8 = 0x04;
 pub fn create<W: Write>(out: W, buses: &[BusHead]) -> io::Result<impl FrameWriter + use<W>> {
     let mut capture = Pcapng {
         out,
-        serial: Vec::new(),
+        buses: Vec::new(),
+        interfaces: 0,
         block: Vec::new(),
         packet: Vec::new(),
         unkept: Unkept::default(),
@@ -40,52 +42,51 @@ pub fn create<W: Write>(out: W, buses: &[BusHead]) -> io::Result<impl FrameWrite
 
 struct Pcapng<W> {
     out: W,
-    /// For each bus, whether its interface is a serial line.
-    serial: Vec<bool>,
+    buses: Vec<Bus>,
+    interfaces: u32,
     block: Vec<u8>,
     packet: Vec<u8>,
     unkept: Unkept,
 }
 
+/// A bus and the numbers of its interfaces. Logs that give one name to a CAN bus and to a serial line
+/// make two of one name.
+struct Bus {
+    head: BusHead,
+    can: Option<u32>,
+    serial: Option<u32>,
+}
+
 impl<W: Write> FrameWriter for Pcapng<W> {
     fn add_bus(&mut self, bus: &BusHead) -> io::Result<()> {
-        let link = if bus.serial { RTAC_SERIAL } else { SOCKETCAN };
-        let mut body = [link, 0, 0, 0].map(u16::to_le_bytes).concat();
-        option(&mut body, 2, bus.name.as_bytes());
-        if let Some(rate) = bus.bitrate {
-            option(&mut body, 8, &u64::from(rate).to_le_bytes());
-        }
-        // Times are nanoseconds.
-        option(&mut body, 9, &[9]);
-        body.extend_from_slice(&[0; 4]);
-        self.serial.push(bus.serial);
-        self.put(INTERFACE, &body)
+        self.buses.push(Bus { head: bus.clone(), can: None, serial: None });
+        Ok(())
     }
 
     fn write(&mut self, bus: u16, frame: &Stamped<Frame>) -> io::Result<()> {
-        let serial = self.serial.get(usize::from(bus)).copied();
         self.packet.clear();
-        let sent = match (&frame.value, serial) {
-            (Frame::Can(can), Some(false)) => {
+        let (link, sent) = match &frame.value {
+            Frame::Can(can) => {
                 socketcan(&mut self.packet, can);
-                can.flags.has(CanFlags::TX)
+                (SOCKETCAN, can.flags.has(CanFlags::TX))
             }
-            (Frame::Serial(bytes), Some(true)) => {
+            Frame::Serial(bytes) => {
                 if !bytes.errors.is_empty() {
                     self.unkept.add("line errors");
                 }
                 rtac(&mut self.packet, bytes, frame.time.nanos());
-                bytes.direction == Direction::Tx
+                (RTAC_SERIAL, bytes.direction == Direction::Tx)
             }
             _ => {
                 self.unkept.frame(&frame.value);
                 return Ok(());
             }
         };
+        let Some(interface) = self.interface(bus, link)? else { return Ok(()) };
         let nanos = frame.time.nanos();
         #[allow(clippy::cast_possible_truncation, reason = "halves; a read is far below 4 GiB")]
         let words = [
-            bus.into(),
+            interface,
             (nanos >> 32) as u32,
             nanos as u32,
             self.packet.len() as u32,
@@ -116,6 +117,30 @@ impl<W: Write> FrameWriter for Pcapng<W> {
 }
 
 impl<W: Write> Pcapng<W> {
+    /// The number of a bus's interface of this link type, which is described before its first packet.
+    fn interface(&mut self, bus: u16, link: u16) -> io::Result<Option<u32>> {
+        let Some(Bus { head, can, serial }) = self.buses.get_mut(usize::from(bus)) else {
+            return Ok(None);
+        };
+        let number = if link == RTAC_SERIAL { serial } else { can };
+        if number.is_some() {
+            return Ok(*number);
+        }
+        *number = Some(self.interfaces);
+        let given = *number;
+        self.interfaces += 1;
+        let mut body = [link, 0, 0, 0].map(u16::to_le_bytes).concat();
+        option(&mut body, 2, head.name.as_bytes());
+        if let Some(rate) = head.bitrate {
+            option(&mut body, 8, &u64::from(rate).to_le_bytes());
+        }
+        // Times are nanoseconds.
+        option(&mut body, 9, &[9]);
+        body.extend_from_slice(&[0; 4]);
+        self.put(INTERFACE, &body)?;
+        Ok(given)
+    }
+
     fn put(&mut self, kind: u32, body: &[u8]) -> io::Result<()> {
         #[allow(clippy::cast_possible_truncation, reason = "far below 4 GiB")]
         let length = (12 + body.len() as u32).to_le_bytes();

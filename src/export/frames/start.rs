@@ -1,6 +1,6 @@
 //! Where the times of a log begin that counts them from its first frame.
 
-use super::kept::Unkept;
+use super::kept::{EARLIER, Unkept};
 use crate::frame::Timestamp;
 
 /// What heads of logs can say is whole milliseconds.
@@ -27,7 +27,7 @@ impl Start {
     pub fn since(self, time: Timestamp, unkept: &mut Unkept) -> u64 {
         let start = self.0.unwrap_or_default();
         if time.nanos() < start {
-            unkept.add("times before that of the first frame");
+            unkept.add(EARLIER);
         }
         time.nanos().saturating_sub(start)
     }

@@ -7,6 +7,7 @@
 use flatbuffers::{FlatBufferBuilder, TableFinishedWIPOffset, WIPOffset};
 
 use crate::export::table::{Kind, Table};
+use crate::export::text::put_base64;
 
 /// Place of field number `index` of a table.
 const fn slot(index: u16) -> u16 {
@@ -62,7 +63,9 @@ pub fn arrow_schema(table: &Table, facts: &[(String, String)]) -> String {
     bytes.extend_from_slice(&u32::try_from(padded).unwrap_or(u32::MAX).to_le_bytes());
     bytes.extend_from_slice(message);
     bytes.resize(8 + padded, 0);
-    base64(&bytes)
+    let mut text = Vec::new();
+    put_base64(&mut text, &bytes);
+    String::from_utf8(text).unwrap_or_default()
 }
 
 struct Builder {
@@ -165,33 +168,10 @@ pub fn width(bits: u8) -> i32 {
     }
 }
 
-const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-
-/// RFC 4648, section 4.
-fn base64(bytes: &[u8]) -> String {
-    let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);
-    for three in bytes.chunks(3) {
-        let word = three.iter().fold(0_usize, |word, byte| word << 8 | usize::from(*byte));
-        let word = word << (8 * (3 - three.len()));
-        for at in 0..4 {
-            let digit = DIGITS[word >> (18 - 6 * at) & 63];
-            text.push(if at > three.len() { '=' } else { char::from(digit) });
-        }
-    }
-    text
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::export::table::Column;
-
-    #[test]
-    fn base64_is_that_of_rfc_4648() {
-        for (text, expected) in [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foobar", "Zm9vYmFy")] {
-            assert_eq!(base64(text.as_bytes()), expected);
-        }
-    }
 
     #[test]
     fn a_schema_is_a_whole_number_of_words() {

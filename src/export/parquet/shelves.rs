@@ -10,6 +10,7 @@ use std::io;
 use std::os::unix::fs::FileExt as _;
 use std::path::{Path, PathBuf};
 
+use crate::export::foreign::WAITING_ROWS;
 use crate::export::output::about;
 
 /// Length of a payload that does not fit into one byte.
@@ -158,7 +159,7 @@ impl Spill {
 
     fn file(&mut self) -> io::Result<&File> {
         if self.file.is_none() {
-            let path = self.folder.join("rows.part");
+            let path = self.folder.join(WAITING_ROWS);
             let mut options = File::options();
             let file = options.read(true).write(true).create_new(true).open(&path);
             let file = file.map_err(|error| about(&path, &error))?;

@@ -14,6 +14,7 @@ use crate::text::rfc3339;
 
 const SECOND: u64 = 1_000_000_000;
 const DIGITS: &[u8; 16] = b"0123456789ABCDEF";
+const BASE64: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
 
 /// How times are written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -103,6 +104,18 @@ pub fn put_hex(out: &mut Vec<u8>, bytes: &[u8]) {
     out.extend(bytes.iter().flat_map(|byte| [digit(byte >> 4), digit(byte & 15)]));
 }
 
+/// Appends bytes in base64 (RFC 4648, section 4).
+pub fn put_base64(out: &mut Vec<u8>, bytes: &[u8]) {
+    for three in bytes.chunks(3) {
+        let word = three.iter().fold(0_usize, |word, byte| word << 8 | usize::from(*byte));
+        let word = word << (8 * (3 - three.len()));
+        for place in 0..4 {
+            let digit = BASE64[word >> (18 - 6 * place) & 63];
+            out.push(if place > three.len() { b'=' } else { digit });
+        }
+    }
+}
+
 /// The text of a text value; bytes as hexadecimal digits when `hex`.
 pub fn text_of(row: &Row, value: Value, hex: bool) -> Cow<'_, str> {
     let bytes = row.bytes(value);
@@ -130,6 +143,15 @@ mod tests {
         assert_eq!(text(f64::from(0.1_f32), true), "0.1");
         for number in [1e300, 5e-324, -0.0, 123_456_789.125, 1e15, 1e16, 1e-7] {
             assert_eq!(text(number, false).parse::<f64>().unwrap().to_bits(), number.to_bits());
+        }
+    }
+
+    #[test]
+    fn base64_is_that_of_rfc_4648() {
+        for (text, expected) in [("", ""), ("f", "Zg=="), ("fo", "Zm8="), ("foobar", "Zm9vYmFy")] {
+            let mut out = Vec::new();
+            put_base64(&mut out, text.as_bytes());
+            assert_eq!(out, expected.as_bytes());
         }
     }
 

@@ -8,7 +8,7 @@ use std::io::Read;
 use jiff::tz::TimeZone;
 
 use super::digits::{Words, seconds};
-use super::lines::Lines;
+use super::lines::{Line, Lines};
 use super::names::Names;
 use super::{ImportError, LogFrame, LogReader, Settings, Skipped, dates};
 use crate::frame::{Frame, Stamped, Timestamp};
@@ -122,7 +122,7 @@ impl LogReader for Reader {
         let Self { lines, clock, names, skipped, channels, .. } = self;
         let enough = into.len() + BATCH;
         while into.len() < enough {
-            let Some((number, text)) = lines.next_line()? else {
+            let Some(Line { number, text, .. }) = lines.next_line()? else {
                 self.finish();
                 return Ok(false);
             };

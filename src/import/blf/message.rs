@@ -130,7 +130,10 @@ fn fd_frame(
     if valid > 8 {
         flags |= CanFlags::FD;
     }
-    if remote && !flags.has(CanFlags::FD) {
+    // CAN FD has no remote frames: what is called both is one without data, or else none.
+    if remote && (!flags.has(CanFlags::FD) || valid == 0) {
+        let of_fd = CanFlags::FD | CanFlags::BRS | CanFlags::ESI;
+        flags = CanFlags(flags.0 & !of_fd.0);
         return Ok(classic_frame(id, flags | CanFlags::REMOTE, dlc, &[]));
     }
     let mut bytes = [0; CAN_MAX_DATA];

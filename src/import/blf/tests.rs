@@ -363,7 +363,7 @@ fn flags(extended: bool, sent: bool) -> CanFlags {
 }
 
 fn written(frames: &[LogFrame]) -> Vec<u8> {
-    let buses = ["1", "2"].map(|name| BusHead { name: name.into(), serial: false, bitrate: None });
+    let buses = ["1", "2"].map(|name| BusHead { name: name.into(), bitrate: None });
     let mut bytes = Cursor::new(Vec::new());
     let mut log = crate::export::frames::blf::create(&mut bytes, &buses).unwrap();
     for LogFrame { bus, frame } in frames {

@@ -6,10 +6,10 @@ mod field;
 use std::io::Read;
 
 use super::digits::{decimal, hex, shown};
-use super::lines::Lines;
+use super::lines::{Line, Lines};
 use super::names::Names;
 use super::{ImportError, LogFrame, LogReader, Skipped};
-use crate::frame::{CAN_MAX_DATA, CanFlags, CanFrame, Frame, Stamped};
+use crate::frame::{CAN_MAX_DATA, CanFlags, CanFrame, Frame, Stamped, fd_dlc};
 use field::{base64, hex_bytes, moment, unquoted};
 
 /// Most frames given at once.
@@ -86,7 +86,8 @@ pub struct Reader {
     names: Names,
     skipped: Skipped,
     notes: Vec<String>,
-    relative: bool,
+    /// Times count from the log's own start; not known before the first row.
+    relative: Option<bool>,
 }
 
 /// A log whose beginning is `head`, which `input` gives again.
@@ -100,7 +101,7 @@ pub fn open(input: Box<dyn Read>, head: &[u8]) -> Result<Reader, ImportError> {
     let mut lines = Lines::new(input);
     lines.next_line()?;
     let (names, skipped) = (Names::default(), Skipped::default());
-    Ok(Reader { lines, columns, separator, names, skipped, notes: Vec::new(), relative: false })
+    Ok(Reader { lines, columns, separator, names, skipped, notes: Vec::new(), relative: None })
 }
 
 impl LogReader for Reader {
@@ -108,7 +109,7 @@ impl LogReader for Reader {
         let Self { lines, columns, separator, names, skipped, .. } = self;
         let enough = into.len() + BATCH;
         while into.len() < enough {
-            let Some((number, text)) = lines.next_line()? else {
+            let Some(Line { number, text, whole }) = lines.next_line()? else {
                 lines.report_end(skipped, &mut self.notes);
                 return Ok(false);
             };
@@ -116,12 +117,14 @@ impl LogReader for Reader {
                 continue;
             }
             match row(text, columns, *separator, names) {
+                Ok(_) if !whole && !columns.contains(&Column::Dlc) => {
+                    skipped.add(|| format!("line {number}"), Line::may_be_cut);
+                }
                 Ok(frame) => {
-                    // Seconds since 1970 are above a billion since 2001.
-                    if names.list().len() == 1 && frame.frame.time.nanos() < 100_000_000_000_000_000
-                    {
-                        self.relative = true;
-                    }
+                    // Seconds since 1970 are above a billion since 2001. The first row says it for
+                    // all: times of one log that were meant differently would lie decades apart.
+                    let nanos = frame.frame.time.nanos();
+                    self.relative.get_or_insert(nanos < 100_000_000_000_000_000);
                     into.push(frame);
                 }
                 Err(why) => skipped.add(|| format!("line {number}"), || why),
@@ -139,7 +142,7 @@ impl LogReader for Reader {
     }
 
     fn times_are_relative(&self) -> bool {
-        self.relative
+        self.relative == Some(true)
     }
 
     fn notes(&self) -> &[String] {
@@ -153,7 +156,7 @@ fn row(
     separator: u8,
     names: &mut Names,
 ) -> Result<LogFrame, String> {
-    let (mut time, mut id, mut flags, mut dlc) = (None, None, CanFlags::default(), 0);
+    let (mut time, mut id, mut flags, mut dlc) = (None, None, CanFlags::default(), None);
     let mut bus = None;
     let (mut data, mut length) = ([0; CAN_MAX_DATA], 0);
     let mut fields = text.split(|&byte| byte == separator);
@@ -183,7 +186,7 @@ fn row(
                 let number = decimal(field).filter(|dlc| *dlc <= CAN_MAX_DATA as u64);
                 #[allow(clippy::cast_possible_truncation, reason = "at most 64")]
                 let number = number.ok_or_else(|| wrong("length"))? as u8;
-                dlc = number;
+                dlc = Some(number);
             }
             Column::Hex => length = hex_bytes(field, &mut data).ok_or_else(|| wrong("data"))?,
             Column::Base64 => length = base64(field, &mut data).ok_or_else(|| wrong("data"))?,
@@ -199,19 +202,36 @@ fn row(
     if fd {
         flags |= CanFlags::FD;
     }
+    // CAN FD has no remote frames: what is called both is one without data, or else none.
+    if fd && flags.has(CanFlags::REMOTE) {
+        let of_fd = CanFlags::FD | CanFlags::BRS | CanFlags::ESI;
+        let wrong = if length > 0 { CanFlags::REMOTE } else { of_fd };
+        flags = CanFlags(flags.0 & !wrong.0);
+    }
     if flags.has(CanFlags::ERROR) {
         flags = CanFlags(flags.0 & !CanFlags::EXTENDED.0);
     }
+    if let Some(dlc) = dlc.filter(|dlc| !has_length(*dlc, flags, length)) {
+        return Err(format!("it has {length} bytes of data, but its length is {dlc}"));
+    }
     // Other lengths than that of the data have a meaning for two kinds of frames only.
-    let raw = match dlc {
-        _ if flags.has(CanFlags::REMOTE) => dlc.min(15),
-        9..=15 if !fd && length == 8 => dlc,
+    let raw = match dlc.unwrap_or(0) {
+        dlc if flags.has(CanFlags::REMOTE) => dlc.min(15),
+        dlc @ 9..=15 if !fd && length == 8 => dlc,
         _ => 0,
     };
     let data = if flags.has(CanFlags::REMOTE) { &[] } else { &data[..length] };
     let value = Frame::Can(CanFrame::new(id, flags, data).with_dlc(raw));
     let bus = names.index(bus.unwrap_or(UNNAMED))?;
     Ok(LogFrame { bus, frame: Stamped { time, value } })
+}
+
+/// True if a frame with this DLC, or length, may have so many bytes of data.
+fn has_length(dlc: u8, flags: CanFlags, length: usize) -> bool {
+    let raw = !flags.has(CanFlags::FD) && length == 8 && (9..=15).contains(&dlc);
+    // Of CAN FD some write the code, some the length that it means.
+    let code = flags.has(CanFlags::FD) && fd_dlc(length) == dlc;
+    flags.has(CanFlags::REMOTE) || raw || code || usize::from(dlc) == length
 }
 
 #[cfg(test)]

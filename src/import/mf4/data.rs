@@ -127,17 +127,24 @@ impl Data {
         }
         if !self.seen.insert(link) {
             skipped.add(|| format!("byte {link}"), || "a list of data leads back to itself".into());
-            self.next_list = 0;
-            return Ok(self.another());
+            return Ok(self.end());
         }
         match self.open_block(link, file) {
             Ok(()) => Ok(true),
             Err(BlockError::Odd(why)) => {
                 skipped.add(|| format!("byte {link}"), || why);
-                Ok(true)
+                Ok(self.hole > 0 || self.end())
             }
             Err(error) => Err(error),
         }
+    }
+
+    /// Ends the stream where it is not known how many bytes are missing: what comes behind would be
+    /// taken for the rest of the record before. `false`, as there is no more.
+    fn end(&mut self) -> bool {
+        self.blocks.clear();
+        self.next_list = 0;
+        false
     }
 
     fn another(&self) -> bool {
@@ -156,6 +163,9 @@ impl Data {
                 let lengthless = self.unfinished && head.length <= HEAD && !self.another();
                 let end = if lengthless { file.size } else { link.saturating_add(head.length) };
                 self.open = (open, end.min(file.size).max(open));
+                if end > file.size {
+                    self.end();
+                }
                 Ok(())
             }
             b"##HL" => {

@@ -46,7 +46,9 @@ impl Field {
     /// Its bytes in the record; fewer if the record ends.
     pub fn bytes<'a>(&self, record: &'a [u8]) -> &'a [u8] {
         let rest = record.get(self.byte..).unwrap_or_default();
-        let length = usize::try_from((self.bit + self.bits).div_ceil(8)).unwrap_or(0);
+        // A file may say that a field has nearly 2^32 bits.
+        let bits = u64::from(self.bit) + u64::from(self.bits);
+        let length = usize::try_from(bits.div_ceil(8)).unwrap_or(usize::MAX);
         &rest[..length.min(rest.len())]
     }
 
@@ -135,6 +137,8 @@ mod tests {
         assert_eq!(field(1, 0, 16, Encoding::Motorola).number(&record), 0x3412);
         assert_eq!(field(1, 4, 12, Encoding::Intel).number(&record), 0x123);
         assert_eq!(field(3, 7, 1, Encoding::Intel).number(&record), 1);
+        // A length that no field has.
+        assert_eq!(field(0, 7, u32::MAX, Encoding::Bytes).bytes(&record), record);
         assert_eq!(field(4, 0, 64, Encoding::Intel).number(&record), 1, "the record ends");
         assert_eq!(field(900, 0, 8, Encoding::Intel).number(&record), 0);
     }

@@ -10,8 +10,9 @@ use crate::import::little_endian::u32_at;
 
 /// The longest value that is believed; a frame has 64 bytes.
 pub(super) const LONGEST: usize = 1 << 16;
-/// Values and records that wait for each other.
+/// Values and records that wait for each other, and how many bytes either may have.
 const WAITING: usize = 1 << 16;
+const WAITING_BYTES: usize = 16 << 20;
 /// How often one may go back to the beginning of the data.
 const RESTARTS: u32 = 100;
 
@@ -62,8 +63,10 @@ pub(super) struct Mixed {
     /// Place of the next value, counted as in signal data.
     offset: u64,
     values: VecDeque<(u64, Vec<u8>)>,
+    value_bytes: usize,
     /// Records without their value.
     records: VecDeque<Waiting>,
+    record_bytes: usize,
 }
 
 /// Which record it is.
@@ -88,19 +91,27 @@ pub(super) struct Waiting {
 impl Mixed {
     pub fn new(group: u64, by_order: bool) -> Self {
         let (values, records) = (VecDeque::new(), VecDeque::new());
-        Self { group, by_order, offset: 0, values, records }
+        Self { group, by_order, offset: 0, values, value_bytes: 0, records, record_bytes: 0 }
     }
 
     /// Adds a value. What is then too much is dropped, and missed later.
     pub fn add_value(&mut self, value: &[u8]) {
         self.values.push_back((self.offset, value.to_vec()));
+        self.value_bytes += value.len();
         self.offset += 4 + value.len() as u64;
-        if self.values.len() > WAITING {
-            self.values.pop_front();
+        while self.values.len() > WAITING || self.value_bytes > WAITING_BYTES {
+            self.take_value();
         }
     }
 
+    fn take_value(&mut self) -> Option<Vec<u8>> {
+        let (_, value) = self.values.pop_front()?;
+        self.value_bytes -= value.len();
+        Some(value)
+    }
+
     pub fn add_record(&mut self, waiting: Waiting) {
+        self.record_bytes += waiting.record.len();
         self.records.push_back(waiting);
     }
 
@@ -110,18 +121,43 @@ impl Mixed {
         let wanted = self.records.front()?.offset;
         if !self.by_order {
             while self.values.front().is_some_and(|(offset, _)| *offset < wanted) {
-                self.values.pop_front();
+                self.take_value();
             }
         }
         let fits = |(offset, _): &(u64, Vec<u8>)| self.by_order || *offset == wanted;
         let there = self.values.front().is_some_and(fits);
         let missed = ended
             || self.records.len() > WAITING
+            || self.record_bytes > WAITING_BYTES
             || !self.by_order && !there && !self.values.is_empty();
         if !there && !missed {
             return None;
         }
-        let value = if there { self.values.pop_front().map(|(_, value)| value) } else { None };
-        self.records.pop_front().map(|record| (record, value))
+        let value = if there { self.take_value() } else { None };
+        let record = self.records.pop_front()?;
+        self.record_bytes -= record.record.len();
+        Some((record, value))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_that_nobody_asks_for_take_a_bounded_memory() {
+        let mut mixed = Mixed::new(0, false);
+        let value = vec![7; LONGEST];
+        for _ in 0..1000 {
+            mixed.add_value(&value);
+        }
+        let kept: usize = mixed.values.iter().map(|(_, value)| value.len()).sum();
+        assert_eq!(kept, WAITING_BYTES);
+        // The last one is still there for its record.
+        let offset = 999 * (4 + LONGEST as u64);
+        let place = Place { group: 0, number: 0, time: 0 };
+        mixed.add_record(Waiting { place, offset, record: Vec::new() });
+        assert!(mixed.next(false).is_some_and(|(_, found)| found == Some(value)));
+        assert_eq!((mixed.value_bytes, mixed.record_bytes), (0, 0));
     }
 }

@@ -30,7 +30,7 @@ fn log(count: u64) -> Vec<LogFrame> {
 }
 
 fn written(frames: &[LogFrame]) -> Vec<u8> {
-    let buses = [BusHead { name: "7".into(), serial: false, bitrate: None }];
+    let buses = [BusHead { name: "7".into(), bitrate: None }];
     let mut bytes = Cursor::new(Vec::new());
     let mut file = crate::export::frames::mf4::create(&mut bytes, &buses).unwrap();
     for LogFrame { bus, frame } in frames {

@@ -30,6 +30,8 @@ pub struct Packet {
     pub at: u64,
     /// Fewer bytes were captured than there were.
     pub cut: bool,
+    /// Its block says no time.
+    pub timeless: bool,
 }
 
 /// True for the first bytes of either format.
@@ -128,7 +130,7 @@ impl Blocks {
         let scale = if self.form == (Form::Pcap { nanos: true }) { 1 } else { 1000 };
         let nanos = u64::from(self.u32(&head, 0)) * 1_000_000_000 + fraction * scale;
         let cut = length < self.u32(&head, 12);
-        Ok(Some(Packet { interface: 0, nanos, sent: false, at, cut }))
+        Ok(Some(Packet { interface: 0, nanos, sent: false, at, cut, timeless: false }))
     }
 
     fn next_block(&mut self, data: &mut Vec<u8>) -> io::Result<Option<Packet>> {
@@ -171,7 +173,8 @@ impl Blocks {
                     data.truncate(4 + captured);
                     data.drain(..4);
                     let cut = captured < length;
-                    return Ok(Some(Packet { interface: 0, nanos: 0, sent: false, at, cut }));
+                    let (interface, nanos, sent, timeless) = (0, 0, false, true);
+                    return Ok(Some(Packet { interface, nanos, sent, at, cut, timeless }));
                 }
                 _ => {}
             }
@@ -208,6 +211,7 @@ impl Blocks {
             sent,
             at,
             cut: (captured as u64) < u64::from(length),
+            timeless: false,
         })
     }
 

@@ -12,8 +12,8 @@ pub struct Interface {
     pub name: Option<String>,
     /// Units of time in a second (`if_tsresol`).
     resolution: Resolution,
-    /// `if_tsoffset`, seconds.
-    offset: u64,
+    /// `if_tsoffset`, seconds, which may be negative.
+    offset: i64,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -58,7 +58,7 @@ impl Interface {
             (14, [_, _, _, _, _, _, _, _]) => {
                 let (first, second) = (u32_at(value, 0, big).into(), u32_at(value, 4, big).into());
                 let (high, low): (u64, u64) = if big { (first, second) } else { (second, first) };
-                found.offset = high << 32 | low;
+                found.offset = (high << 32 | low).cast_signed();
             }
             _ => {}
         });
@@ -67,7 +67,8 @@ impl Interface {
 
     /// Nanoseconds since 1970 of a time in its units.
     pub fn nanos(&self, units: u64) -> u64 {
-        self.resolution.nanos(units).saturating_add(self.offset.saturating_mul(1_000_000_000))
+        let nanos = self.resolution.nanos(units);
+        nanos.saturating_add_signed(self.offset.saturating_mul(1_000_000_000))
     }
 }
 

@@ -14,8 +14,9 @@ use crate::frame::{Stamped, Timestamp};
 use block::{Blocks, Packet};
 use interface::Interface;
 
-/// Most packets given at once.
+/// Most packets given at once, and bytes of packets.
 const BATCH: usize = 4096;
+const BATCH_BYTES: usize = 8 << 20;
 
 pub use block::recognises;
 
@@ -27,6 +28,8 @@ pub struct Reader {
     notes: Vec<String>,
     /// Packets of link types that are not taken, by number.
     foreign: BTreeMap<u32, u64>,
+    /// Frames of blocks that say no time.
+    timeless: u64,
     data: Vec<u8>,
 }
 
@@ -38,6 +41,7 @@ pub fn open(input: Box<dyn Read>) -> Result<Reader, ImportError> {
         skipped: Skipped::default(),
         notes: Vec::new(),
         foreign: BTreeMap::new(),
+        timeless: 0,
         data: Vec::new(),
     })
 }
@@ -45,10 +49,14 @@ pub fn open(input: Box<dyn Read>) -> Result<Reader, ImportError> {
 impl LogReader for Reader {
     fn read(&mut self, into: &mut Vec<LogFrame>) -> Result<bool, ImportError> {
         let enough = into.len() + BATCH;
-        while into.len() < enough {
+        let mut bytes = 0;
+        while into.len() < enough && bytes < BATCH_BYTES {
             let at = self.blocks.position();
             match self.blocks.next(&mut self.data) {
-                Ok(Some(packet)) => self.take(&packet, into),
+                Ok(Some(packet)) => {
+                    self.take(&packet, into);
+                    bytes += self.data.len();
+                }
                 Ok(None) => return Ok(self.finish()),
                 Err(error) if error.kind() == ErrorKind::UnexpectedEof => {
                     self.skipped.add(
@@ -113,6 +121,7 @@ impl Reader {
             Ok(bus) => {
                 let time = Timestamp(packet.nanos);
                 let value = found.frame;
+                self.timeless += u64::from(packet.timeless);
                 into.push(LogFrame { bus, frame: Stamped { time, value } });
             }
             Err(why) => self.skipped.add(|| format!("byte {}", packet.at), || why),
@@ -124,6 +133,12 @@ impl Reader {
             self.notes.push(format!(
                 "{count} packet(s) of link type {link} are neither CAN frames nor serial bytes and \
                  are not taken"
+            ));
+        }
+        if self.timeless > 0 {
+            self.notes.push(format!(
+                "{} packet(s) have no time (Simple Packet Blocks) and stand in 1970",
+                self.timeless
             ));
         }
         false

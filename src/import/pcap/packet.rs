@@ -26,6 +26,8 @@ const REMOTE: u32 = 0x4000_0000;
 const ERROR: u32 = 0x2000_0000;
 const FDF: u8 = 0x04;
 
+const CUT: &str = "not all of it was captured (a snapshot length)";
+
 /// A frame, and the number of its interface where the link type says so.
 pub struct Found {
     /// The frame.
@@ -49,7 +51,7 @@ pub fn frames(
     let (payload, sent, interface, big, fd) = match link {
         SOCKETCAN => (Some(data), sent, None, true, false),
         RTAC_SERIAL => {
-            let frame = serial(data)?.map(|frame| Found { frame, interface: None });
+            let frame = serial(data, packet.cut)?.map(|frame| Found { frame, interface: None });
             return Ok(frame);
         }
         SLL if is_can(2, 14) => {
@@ -99,10 +101,12 @@ fn can(data: &[u8], said: CanFlags, cut: bool, big: bool) -> Result<CanFrame, St
         flags |= CanFlags::EXTENDED;
     }
     let id = word & if extended || word & ERROR != 0 { 0x1FFF_FFFF } else { 0x7FF };
-    if word & REMOTE != 0 && word & ERROR == 0 {
+    // CAN FD has no remote frames: what is called both is one without data, or else none.
+    if word & REMOTE != 0 && word & ERROR == 0 && (!fd || length == 0) {
         #[allow(clippy::cast_possible_truncation, reason = "at most 8")]
         let dlc = if *raw_dlc > 8 { *raw_dlc & 15 } else { length.min(8) as u8 };
-        return Ok(CanFrame::new(id, flags | CanFlags::REMOTE, &[]).with_dlc(dlc));
+        let flags = CanFlags(flags.0 & !CanFlags::FD.0) | CanFlags::REMOTE;
+        return Ok(CanFrame::new(id, flags, &[]).with_dlc(dlc));
     }
     if fd {
         flags |= CanFlags::FD;
@@ -115,13 +119,13 @@ fn can(data: &[u8], said: CanFlags, cut: bool, big: bool) -> Result<CanFrame, St
             let raw = if !fd && length == 8 && (9..=15).contains(raw_dlc) { *raw_dlc } else { 0 };
             Ok(CanFrame::new(id, flags, payload).with_dlc(raw))
         }
-        None if cut => Err("not all of it was captured (a snapshot length)".to_owned()),
+        None if cut => Err(CUT.to_owned()),
         None => Err(format!("it has {} of its {length} bytes", payload.len())),
     }
 }
 
 /// A packet of LINKTYPE_RTAC_SERIAL; `None` for one that is no data.
-fn serial(data: &[u8]) -> Result<Option<Frame>, String> {
+fn serial(data: &[u8], cut: bool) -> Result<Option<Frame>, String> {
     let [_, _, _, _, _, _, _, _, event, _, _, _, bytes @ ..] = data else {
         return Err(format!("its {} bytes are too few for a serial packet", data.len()));
     };
@@ -135,6 +139,9 @@ fn serial(data: &[u8]) -> Result<Option<Frame>, String> {
         10 => (Direction::Rx, Some(LineErrorKind::Overrun)),
         _ => return Ok(None),
     };
+    if cut {
+        return Err(CUT.to_owned());
+    }
     let errors = error.map(|kind| LineError { offset, kind }).into_iter().collect();
     Ok(Some(Frame::Serial(SerialBytes { direction, data: bytes.to_vec(), errors })))
 }

@@ -7,7 +7,7 @@ use std::io::Read;
 use jiff::tz::TimeZone;
 
 use super::digits::{Words, decimal};
-use super::lines::Lines;
+use super::lines::{Line, Lines};
 use super::names::Names;
 use super::{ImportError, LogFrame, LogReader, Settings, Skipped, dates};
 use crate::frame::{Frame, Stamped, Timestamp};
@@ -25,8 +25,6 @@ pub struct Reader {
     zone: TimeZone,
     layout: Layout,
     start: Option<Timestamp>,
-    /// The start is only the comment's, which has milliseconds at best.
-    from_comment: bool,
     names: Names,
     /// Names that bustape wrote for the buses, as it numbered them.
     buses: Vec<(u64, String)>,
@@ -42,7 +40,6 @@ pub fn open(input: Box<dyn Read>, settings: &Settings) -> Reader {
         zone: settings.zone.clone(),
         layout: Layout::V1_0,
         start: None,
-        from_comment: false,
         names: Names::default(),
         buses: Vec::new(),
         skipped: Skipped::default(),
@@ -82,7 +79,7 @@ impl LogReader for Reader {
     fn read(&mut self, into: &mut Vec<LogFrame>) -> Result<bool, ImportError> {
         let enough = into.len() + BATCH;
         while into.len() < enough {
-            let Some((number, text)) = self.lines.next_line()? else {
+            let Some(Line { number, text, .. }) = self.lines.next_line()? else {
                 self.finish();
                 return Ok(false);
             };
@@ -152,7 +149,6 @@ impl Reader {
                 let value = value.strip_suffix(b";").unwrap_or(value);
                 if let Some(time) = days(value) {
                     self.start = Some(dates::in_zone(time, &self.zone));
-                    self.from_comment = false;
                 } else {
                     let text = super::digits::shown(value);
                     self.notes.push(format!("its $STARTTIME \"{text}\" is no number of days"));
@@ -168,7 +164,6 @@ impl Reader {
             // Where there is a $STARTTIME, that is exact.
             if let Some(time) = dates::parse(rest).filter(|_| self.start.is_none()) {
                 self.start = Some(dates::in_zone(time, &self.zone));
-                self.from_comment = true;
             }
         } else if let Some(rest) = text.strip_prefix(b"Bus ") {
             // `Bus 1 = can0`, which bustape writes.

@@ -2,6 +2,7 @@
 
 pub mod adapter;
 pub mod bytes;
+pub mod capture;
 pub mod line_protocol;
 pub mod make;
 pub mod mcap;

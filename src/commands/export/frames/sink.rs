@@ -7,7 +7,7 @@ use std::rc::Rc;
 
 use anyhow::{Result, bail};
 
-use crate::cli::export::{ExportArgs, Format};
+use crate::cli::export::{Decimal, ExportArgs, Fill, Format, Shape, TimeText};
 use crate::commands::UsageError;
 use crate::export::frames::csv::Columns;
 use crate::export::frames::{asc, blf, candump, csv, hex, mf4, pcapng, raw, trc};
@@ -65,6 +65,24 @@ impl Seek for Shared {
     }
 }
 
+/// The options given that say something of tables only.
+fn of_tables(args: &ExportArgs) -> String {
+    let options = [
+        ("--message", !args.messages.is_empty()),
+        ("--signal", !args.signals.is_empty()),
+        ("--shape", args.shape != Shape::default()),
+        ("--fill", args.fill != Fill::default()),
+        ("--split", args.split.is_some()),
+        ("--time", args.time != TimeText::default()),
+        ("--units", args.units),
+        ("--separator", args.separator.is_some()),
+        ("--decimal", args.decimal != Decimal::default()),
+    ];
+    let given: Vec<&str> =
+        options.iter().filter(|(_, given)| *given).map(|(name, _)| *name).collect();
+    given.join(", ")
+}
+
 impl Sink {
     /// Refuses what cannot be.
     pub fn new(args: &ExportArgs) -> Result<Self> {
@@ -79,6 +97,13 @@ impl Sink {
                 "--decode is for tables (csv, parquet, jsonl, influx); this format has frames"
                     .to_owned()
             ));
+        }
+        let of_tables = of_tables(args);
+        if !of_tables.is_empty() {
+            bail!(UsageError(format!(
+                "{of_tables}: of tables (csv, parquet, jsonl, influx) only, and this format has frames; \
+                 leave out what it says nothing of"
+            )));
         }
         let (format, path, force) = (args.format, args.output.clone(), args.force);
         Ok(Self { format, path, force, files: Rc::default() })

@@ -18,15 +18,6 @@ pub struct Line<'a> {
     pub number: u64,
     /// What stands in it.
     pub text: &'a [u8],
-    /// Its end was there: the last line of a log that was cut off has none.
-    pub whole: bool,
-}
-
-impl Line<'_> {
-    /// The sentence for a line whose frame may have had more bytes, which nothing else would tell.
-    pub fn may_be_cut() -> String {
-        "it has no end, so its frame may have been cut off; end the line if it is whole".to_owned()
-    }
 }
 
 /// Gives one line after another.
@@ -113,7 +104,7 @@ impl Lines {
     }
 
     fn line(&self, place: Range<usize>) -> Line<'_> {
-        Line { number: self.number, text: trimmed(&self.buffer[place]), whole: self.whole }
+        Line { number: self.number, text: trimmed(&self.buffer[place]) }
     }
 
     fn fill(&mut self) -> io::Result<()> {
@@ -164,7 +155,7 @@ mod tests {
         for step in [1, 7, 1000, 1 << 20] {
             let mut lines = Lines::new(Box::new(Drops(text.clone().into_bytes(), step)));
             let mut found = Vec::new();
-            while let Some(Line { number, text, .. }) = lines.next_line().unwrap() {
+            while let Some(Line { number, text }) = lines.next_line().unwrap() {
                 found.push((number, String::from_utf8(text.to_vec()).unwrap()));
             }
             let cut = "x".repeat(MAX_LINE);

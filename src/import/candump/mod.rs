@@ -7,7 +7,7 @@ mod printed;
 
 use std::io::Read;
 
-use super::lines::{self, Lines};
+use super::lines::{Line, Lines};
 use super::names::Names;
 use super::{ImportError, LogFrame, LogReader, Settings, Skipped};
 use crate::frame::{Frame, Gap, GapReason, Stamped, Timestamp, Unit};
@@ -65,7 +65,7 @@ impl LogReader for Reader {
         let Self { lines, names, skipped, .. } = self;
         let mut frames = 0;
         while frames < BATCH {
-            let Some(lines::Line { number, text, whole }) = lines.next_line()? else {
+            let Some(Line { number, text }) = lines.next_line()? else {
                 self.finish(into);
                 return Ok(false);
             };
@@ -77,7 +77,6 @@ impl LogReader for Reader {
                 text
             };
             let taken = match line::line(text) {
-                _ if !whole && may_be_cut(text) => Err(lines::Line::may_be_cut()),
                 Ok(line) => names.index(line.bus.unwrap_or(UNNAMED)).map(|bus| {
                     let time = self.clock.time(line.time, &mut self.last, &self.zone);
                     close_gaps(&mut self.gaps, bus, time, into);
@@ -132,15 +131,6 @@ impl Reader {
         }
         self.lines.report_end(&mut self.skipped, &mut self.notes);
     }
-}
-
-/// True for a line that would look the same if bytes were missing at its end: nothing says how many
-/// there are, nor does anything stand behind them.
-fn may_be_cut(text: &[u8]) -> bool {
-    let closed = text.ends_with(b" R") || text.ends_with(b" T") || text.contains(&b'|');
-    let comment = text.starts_with(b"#") || text.starts_with(b"DROPCOUNT");
-    let has_length = text.contains(&b'[');
-    !closed && !comment && !has_length
 }
 
 /// Lines that are no CAN frames.

@@ -109,7 +109,7 @@ impl LogReader for Reader {
         let Self { lines, columns, separator, names, skipped, .. } = self;
         let enough = into.len() + BATCH;
         while into.len() < enough {
-            let Some(Line { number, text, whole }) = lines.next_line()? else {
+            let Some(Line { number, text }) = lines.next_line()? else {
                 lines.report_end(skipped, &mut self.notes);
                 return Ok(false);
             };
@@ -117,9 +117,6 @@ impl LogReader for Reader {
                 continue;
             }
             match row(text, columns, *separator, names) {
-                Ok(_) if !whole && !columns.contains(&Column::Dlc) => {
-                    skipped.add(|| format!("line {number}"), Line::may_be_cut);
-                }
                 Ok(frame) => {
                     // Seconds since 1970 are above a billion since 2001. The first row says it for
                     // all: times of one log that were meant differently would lie decades apart.

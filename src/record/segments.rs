@@ -89,6 +89,8 @@ pub struct Segments {
     finished: Vec<PathBuf>,
     /// The segment of which a sync is under way.
     syncing: Option<PathBuf>,
+    /// What was done while it had to be waited for.
+    done: Vec<Done>,
 }
 
 /// The segment that is open.
@@ -152,7 +154,18 @@ impl Segments {
     ) -> Self {
         let thread = DiskThread::new(disk.clone());
         let finished = Vec::new();
-        Self { disk, thread, target, split, options, session, number: 0, finished, syncing: None }
+        Self {
+            disk,
+            thread,
+            target,
+            split,
+            options,
+            session,
+            number: 0,
+            finished,
+            syncing: None,
+            done: Vec::new(),
+        }
     }
 
     /// The row of windows of the same recording. Makes their folder.
@@ -212,13 +225,19 @@ impl Segments {
         Ok(segment)
     }
 
-    /// The same without waiting for the disk, which is told by [`Segments::take_done`].
+    /// The same without waiting for the disk, which is told by [`Segments::take_done`]. Where files
+    /// have no second name, the file before is waited for: two changes of a folder at once may reach the disk
+    /// in any order, and a power cut between them can take a file both its names.
     pub fn open_ahead(
         &mut self,
         time: Timestamp,
         head: &Head,
         label: &str,
     ) -> Result<Segment, SegmentError> {
+        if self.is_waiting() && !self.disk.has_links(self.folder()) {
+            let done = self.wait();
+            self.done.extend(done);
+        }
         let segment = self.create(time, head, label)?;
         self.give_sync(&segment, true, time);
         Ok(segment)
@@ -309,13 +328,24 @@ impl Segments {
     /// What the disk has done since this was last asked.
     pub fn take_done(&mut self) -> Vec<Done> {
         let done = self.thread.take_done();
-        self.enter(done)
+        let mut all = std::mem::take(&mut self.done);
+        all.extend(self.enter(done));
+        all
     }
 
     /// Waits until the disk has done everything.
     pub fn wait(&mut self) -> Vec<Done> {
         let done = self.thread.wait();
-        self.enter(done)
+        let mut all = std::mem::take(&mut self.done);
+        all.extend(self.enter(done));
+        all
+    }
+
+    fn folder(&self) -> &Path {
+        match &self.target {
+            Target::File(path) => folder_of(path),
+            Target::Folder(folder, _) => folder,
+        }
     }
 
     fn enter(&mut self, done: Vec<Done>) -> Vec<Done> {

@@ -7,6 +7,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use nix::fcntl::{FallocateFlags, fallocate};
+use nix::sys::statfs::{MSDOS_SUPER_MAGIC, Statfs, fstatfs, statfs};
 
 /// Where files are made.
 pub trait Disk: Send + Sync {
@@ -15,6 +16,9 @@ pub trait Disk: Send + Sync {
 
     /// Gives a file its final name and makes that durable. An existing file stays as it is.
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()>;
+
+    /// True where a file can have two names for a moment, so that at no time it has none.
+    fn has_links(&self, folder: &Path) -> bool;
 
     /// Removes a file.
     fn remove(&self, path: &Path) -> io::Result<()>;
@@ -90,6 +94,11 @@ impl Disk for RealDisk {
         self.sync_folder(folder_of(to))
     }
 
+    fn has_links(&self, folder: &Path) -> bool {
+        // Others without links are on the other side of a network.
+        !statfs(folder).is_ok_and(is_fat)
+    }
+
     fn remove(&self, path: &Path) -> io::Result<()> {
         std::fs::remove_file(path)
     }
@@ -121,6 +130,10 @@ impl OutputFile for File {
     }
 
     fn hold(&mut self, from: u64, bytes: u64) {
+        // The check of a FAT after a power cut takes such room for damage.
+        if fstatfs(&*self).is_ok_and(is_fat) {
+            return;
+        }
         if let (Ok(from), Ok(bytes)) = (i64::try_from(from), i64::try_from(bytes)) {
             // The size of the file stays what was written, whatever it holds (fallocate(2)).
             let _ = fallocate(&*self, FallocateFlags::FALLOC_FL_KEEP_SIZE, from, bytes);
@@ -130,6 +143,13 @@ impl OutputFile for File {
     fn give_back(&mut self, size: u64) {
         self.set_len(size).ok();
     }
+}
+
+/// FAT, or exFAT, by the numbers in statfs(2).
+fn is_fat(about: Statfs) -> bool {
+    const EXFAT: i64 = 0x2011_BAB0;
+    let kind = about.filesystem_type();
+    kind == MSDOS_SUPER_MAGIC || kind.0 == EXFAT
 }
 
 /// True if both names lead to one file.

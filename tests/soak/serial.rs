@@ -41,8 +41,7 @@ pub const FLOODS: Item = Item {
     run: |job| {
         let (mut found, grown) = runs(job, |run| {
             let flood = &floods::FLOODS[run.number as usize % floods::FLOODS.len()];
-            let much =
-                if run.number == 0 { (1 << 30, 20 << 20) } else { (128 << 20, floods::RATE) };
+            let much = if run.number == 0 { (1 << 30, 8 << 20) } else { (128 << 20, floods::RATE) };
             (flood.name, floods::is_recorded(flood, much, run.bustape, run.folder))
         });
         for (name, grown) in grown {

@@ -35,6 +35,9 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
     let plan = Plan::check(args)?;
     let recording = Recording::open(&args.files)?;
     let plan = plan.complete(args, &recording)?;
+    if args.verify {
+        plan.check_verify()?;
+    }
     let reaches = plan.reaches()?;
     if args.dry_run {
         plan.check_fd(&recording, &reaches)?;

@@ -121,6 +121,10 @@ impl Player<'_, '_, '_> {
         self.begin()?;
         while self.ending.is_none() {
             self.obey_next();
+            if self.ending.is_some() {
+                // Else it would wait for the next thing to happen, which may never do.
+                break;
+            }
             let mut due = self.release();
             let now = steady_nanos();
             for lane in &mut self.stage.lanes {

@@ -1,5 +1,6 @@
 //! The verbs: the only place that joins the stations together and talks to a person.
 
+mod books;
 mod cat;
 mod configuration;
 mod convert;

@@ -85,6 +85,7 @@ pub fn run(typed: &RecordArgs, matches: &ArgMatches) -> Result<Ended> {
             };
             buses.push(Bus { name: spec.name.clone(), address: spec.text.clone(), source });
         }
+        definitions.check(buses.iter().map(|bus| (bus.name.clone(), bus.source.facts().unit)))?;
         record(buses, definitions, &plan).await
     })?;
     report(&outcome, args.json)

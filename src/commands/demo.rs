@@ -1,5 +1,7 @@
 //! `bustape demo`: a recording without any hardware.
 
+use std::io::Write as _;
+
 use anyhow::{Context as _, Result};
 use socketcan::CanInterface;
 
@@ -50,9 +52,9 @@ pub fn run(args: &DemoArgs) -> Result<Ended> {
         record::record(vec![station, rectifier], definitions, &plan(args)).await
     })?;
     let ended = record::report(&recorded, false)?;
-    println!();
+    writeln!(std::io::stdout())?;
     info::print(&Recording::open(recorded.files())?)?;
-    next_steps(recorded.files());
+    next_steps(recorded.files())?;
     Ok(ended)
 }
 
@@ -139,14 +141,16 @@ impl Drop for Vcan {
     }
 }
 
-fn next_steps(files: &[std::path::PathBuf]) {
-    let Some(file) = files.first().map(|file| file.display().to_string()) else { return };
+fn next_steps(files: &[std::path::PathBuf]) -> Result<()> {
+    let Some(file) = files.first().map(|file| file.display().to_string()) else { return Ok(()) };
     // As it was called, so that the lines can be copied before anything is installed.
     let bustape = std::env::args().next().unwrap_or_else(|| "bustape".to_owned());
-    println!("\nLook    {bustape} cat {file} | less");
-    println!("Plot    in Foxglove: Open local file, {file};");
-    println!("        add a Plot of /station/BATMON_2.voltage, State Transitions of");
-    println!("        /station/INV1_1.mode_label and the Log");
-    println!("Replay  {bustape} replay {file} --to station=trace:");
-    println!("Export  {bustape} export {file} --format parquet -o tables");
+    let mut out = output::stdout();
+    writeln!(out, "\nLook    {bustape} cat {file} | less")?;
+    writeln!(out, "Plot    in Foxglove: Open local file, {file};")?;
+    writeln!(out, "        add a Plot of /station/BATMON_2.voltage, State Transitions of")?;
+    writeln!(out, "        /station/INV1_1.mode_label and the Log")?;
+    writeln!(out, "Replay  {bustape} replay {file} --to station=trace:")?;
+    writeln!(out, "Export  {bustape} export {file} --format parquet -o tables")?;
+    Ok(out.flush()?)
 }

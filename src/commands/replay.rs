@@ -41,7 +41,7 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
     let reaches = plan.reaches()?;
     if args.dry_run {
         plan.check_fd(&recording, &reaches)?;
-        return Ok(preview::show(args, &plan, &recording, &reaches));
+        return preview::show(args, &plan, &recording, &reaches);
     }
     let permit = permission::permit(args, &reaches)?;
     permission::confirm(args, &reaches)?;
@@ -73,9 +73,10 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
     drop(controls);
     say_notes(&mut stage.lanes);
     let verdicts: Vec<_> = stage.lanes.iter_mut().map(Lane::verdict).collect();
-    report::report(args, &plan, &stage, &outcome, &verdicts);
+    let reported = report::report(args, &plan, &stage, &outcome, &verdicts);
     drop(stage);
     let ended = ended(outcome, &recording, learnt.damaged)?;
+    reported?;
     match verdicts.into_iter().flatten().find_map(|verdict| verdict.difference) {
         Some(difference) => bail!("what arrived is not what was sent: {difference}"),
         None => Ok(ended),

@@ -1,7 +1,9 @@
 //! `--dry-run`: what would go where.
 
+use std::io::Write as _;
 use std::time::Duration;
 
+use anyhow::Result;
 use serde_json::json;
 
 use super::omitted_text;
@@ -16,7 +18,12 @@ use crate::replay::tally::Tally;
 use crate::text::{grouped, rfc3339_millis};
 
 /// Reads what would be played, once, and says how much it is.
-pub fn show(args: &ReplayArgs, plan: &Plan, recording: &Recording, reaches: &[Reach]) -> Ended {
+pub fn show(
+    args: &ReplayArgs,
+    plan: &Plan,
+    recording: &Recording,
+    reaches: &[Reach],
+) -> Result<Ended> {
     let once = FeedPlan { laps: Some(1), ..plan.feed.clone() };
     let mut tallies = vec![Tally::default(); plan.lane_of.len()];
     let mut span: Option<(Timestamp, Timestamp)> = None;
@@ -52,9 +59,9 @@ pub fn show(args: &ReplayArgs, plan: &Plan, recording: &Recording, reaches: &[Re
     });
     let refusal = grant(reaches, &args.transmit_on).err();
     if args.json {
-        print_json(plan, reaches, &tallies, span, refusal.is_none());
+        print_json(plan, reaches, &tallies, span, refusal.is_none())?;
     } else {
-        print_table(plan, reaches, &tallies, span);
+        print_table(plan, reaches, &tallies, span)?;
     }
     if let Some(refusal) = refusal {
         output::note(&format!("it would not run: {refusal}"));
@@ -65,7 +72,7 @@ pub fn show(args: &ReplayArgs, plan: &Plan, recording: &Recording, reaches: &[Re
     }
     super::say_intact(recording);
     let damaged = !damage.is_empty() || recording.unfinished().next().is_some();
-    if damaged { Ended::WithLoss } else { Ended::Well }
+    Ok(if damaged { Ended::WithLoss } else { Ended::Well })
 }
 
 fn print_table(
@@ -73,7 +80,7 @@ fn print_table(
     reaches: &[Reach],
     tallies: &[Tally],
     span: Option<(Timestamp, Timestamp)>,
-) {
+) -> Result<()> {
     let rows = plan.buses().map(|(bus, name, lane)| {
         let (reach, tally) = (&reaches[lane], &tallies[bus]);
         let real = if reach.is_virtual { "virtual" } else { "real" };
@@ -88,10 +95,12 @@ fn print_table(
         ]
     });
     let head = ["BUS", "TARGET", "KIND", "", "FRAMES", "NOT SENT"];
-    anstream::print!("{}", output::table(&head, &[4], rows.collect()));
+    let mut out = output::stdout();
+    write!(out, "{}", output::table(&head, &[4], rows.collect()))?;
     if let Some((first, last)) = span {
-        anstream::println!("from {} to {}", rfc3339_millis(first), rfc3339_millis(last));
+        writeln!(out, "from {} to {}", rfc3339_millis(first), rfc3339_millis(last))?;
     }
+    Ok(out.flush()?)
 }
 
 fn print_json(
@@ -100,7 +109,7 @@ fn print_json(
     tallies: &[Tally],
     span: Option<(Timestamp, Timestamp)>,
     permitted: bool,
-) {
+) -> Result<()> {
     let buses = plan.buses().map(|(bus, name, lane)| {
         let (reach, tally) = (&reaches[lane], &tallies[bus]);
         let omitted: serde_json::Map<_, _> = tally
@@ -126,5 +135,7 @@ fn print_json(
         "to": span.map(|span| crate::text::rfc3339(span.1)),
         "buses": buses.collect::<Vec<_>>(),
     });
-    anstream::println!("{report}");
+    let mut out = output::stdout();
+    writeln!(out, "{report}")?;
+    Ok(out.flush()?)
 }

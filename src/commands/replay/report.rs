@@ -1,7 +1,9 @@
 //! What a replay says of itself at its end.
 
 use std::fmt::Write as _;
+use std::io::Write as _;
 
+use anyhow::{Context as _, Result};
 use serde_json::{Value, json};
 
 use super::omitted_text;
@@ -25,17 +27,21 @@ pub fn report(
     stage: &Stage<'_>,
     outcome: &Outcome,
     verdicts: &[Option<Verdict>],
-) {
+) -> Result<()> {
     let text = if args.json {
         format!("{}\n", as_json(plan, stage, outcome, verdicts))
     } else {
         as_table(plan, stage, outcome, verdicts)
     };
     if plan.targets.iter().any(|target| target.address == TargetAddress::Trace) {
-        anstream::eprint!("{text}");
+        let mut stderr = std::io::stderr();
+        stderr.write_all(text.as_bytes()).context("cannot write the report to stderr")?;
     } else {
-        anstream::print!("{text}");
+        let mut out = output::stdout();
+        out.write_all(text.as_bytes())?;
+        out.flush()?;
     }
+    Ok(())
 }
 
 fn reason(outcome: &Outcome) -> &'static str {

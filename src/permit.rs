@@ -2,11 +2,9 @@
 //!
 //! A frame on a real bus moves real machines. So whatever transmits sends to things that exist in
 //! the kernel only, and to anything else when a person has named it with `--transmit-on`.
-//! What an interface is, the kernel says (`IFLA_INFO_KIND` of rtnetlink(7), device numbers), not
-//! its name.
+//! What an interface is, the kernel says (`IFLA_INFO_KIND` of rtnetlink(7)), not its name. Of
+//! terminals only one that we have made ourselves is virtual.
 
-use std::io;
-use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 
 use crate::sys::link::Link;
@@ -36,19 +34,29 @@ impl Reach {
         Self { name, kind, is_virtual, link: Some(link) }
     }
 
-    /// What somebody made who knows whether it is virtual.
-    pub fn known(name: String, kind: &str, is_virtual: bool) -> Self {
-        Self { name, kind: kind.to_owned(), is_virtual, link: None }
+    /// A port is real even if it is a pseudo-terminal: behind one that somebody else has made there
+    /// may be a bridge to a line.
+    pub fn of_port(path: &Path) -> Self {
+        Self::known(path, "serial port", false)
     }
 
-    /// A port, for somebody who plays the device at its other end: an application's side of a
-    /// pseudo-terminal has no line behind it.
-    pub fn of_port(path: &Path) -> Self {
-        let name = path.display().to_string();
-        if is_pseudo_terminal(path).unwrap_or(false) {
-            return Self::known(name, "pseudo-terminal", true);
-        }
-        Self::known(name, "serial port", false)
+    /// A CAN adapter at a port.
+    pub fn of_adapter(path: &Path) -> Self {
+        Self::known(path, "slcan adapter", false)
+    }
+
+    /// A pseudo-terminal that we make and link at `path`.
+    pub fn of_own_terminal(path: &Path) -> Self {
+        Self::known(path, "pseudo-terminal", true)
+    }
+
+    /// Text on stdout, under the name by which it is asked for.
+    pub fn of_text(name: &str) -> Self {
+        Self::known(Path::new(name), "text", true)
+    }
+
+    fn known(name: &Path, kind: &str, is_virtual: bool) -> Self {
+        Self { name: name.display().to_string(), kind: kind.to_owned(), is_virtual, link: None }
     }
 }
 
@@ -82,12 +90,6 @@ pub fn grant(targets: &[Reach], allowed: &[String]) -> Result<Permit, Refused> {
     )))
 }
 
-/// Unix98 pseudo-terminals have the majors 136 to 143 (devices.txt of the kernel).
-fn is_pseudo_terminal(path: &Path) -> io::Result<bool> {
-    let device = std::fs::metadata(path)?.rdev();
-    Ok((136..=143).contains(&nix::sys::stat::major(device)))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -111,7 +113,7 @@ mod tests {
 
     #[test]
     fn every_target_that_is_not_virtual_must_be_named() {
-        let port = Reach::known("/dev/ttyUSB0".to_owned(), "serial port", false);
+        let port = Reach::of_port(Path::new("/dev/ttyUSB0"));
         let targets = [interface("vcan0", Some("vcan")), interface("can0", None), port];
         let allow = |names: &[&str]| {
             grant(&targets, &names.iter().map(|n| (*n).to_owned()).collect::<Vec<_>>())
@@ -123,11 +125,10 @@ mod tests {
     }
 
     #[test]
-    fn a_pseudo_terminal_is_known_by_its_device_number() {
+    fn a_terminal_of_somebody_else_is_real_and_our_own_is_not() {
         let pty = crate::sys::pty::Pty::new().unwrap();
-        assert!(Reach::of_port(pty.path()).is_virtual);
-        for other in ["/dev/null", "/dev/no-such-port"] {
-            assert!(!Reach::of_port(Path::new(other)).is_virtual);
-        }
+        assert!(!Reach::of_port(pty.path()).is_virtual);
+        assert!(!Reach::of_adapter(pty.path()).is_virtual);
+        assert!(Reach::of_own_terminal(pty.path()).is_virtual);
     }
 }

@@ -115,6 +115,7 @@ pub fn signed_duration(nanos: i64) -> String {
     const DAY: u64 = 86_400_000_000_000;
     let (sign, amount) = (if nanos < 0 { '-' } else { '+' }, nanos.unsigned_abs());
     match amount / DAY {
+        0 if (1..1_000_000).contains(&amount) => format!("{sign}{amount} ns"),
         0 => format!("{sign}{}", duration(amount)),
         days => format!("{sign}{days}d {}", duration(amount % DAY)),
     }

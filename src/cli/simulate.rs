@@ -33,8 +33,8 @@ Faults: missing (a frame is not sent), short, long (one byte less, one more), un
         name = "zhongheng-09",
         after_help = "\
 ADDRESS is pty:PATH, a new pseudo-terminal that the other side opens as PATH, or a serial port such as
-/dev/ttyUSB0,19200,8N1, which must be named with --transmit-on too; else nothing is sent and the exit
-status is 4.
+/dev/ttyUSB0,19200,8N1, which must be named with --transmit-on too, also if it is the pseudo-terminal
+of another program; else nothing is sent and the exit status is 4.
 Faults of the monitor's answers: bad-crc, no-answer, wrong-length (the count of data bytes), garbage
         (in front), late (1 to 2 s), link-error (DL_ERROR), wrong-sequence, wrong-address, busy"
     )]

@@ -7,6 +7,7 @@ use serde_json::json;
 
 use super::{UsageError, explain, protocols};
 use crate::channels::{Definition, Meaning, Stream};
+use crate::frame::Unit;
 use crate::recording::definition::{Attachment, Facts};
 use crate::text::grouped;
 use crate::trigger::{Known, Triggers};
@@ -26,6 +27,23 @@ pub struct Definitions {
 }
 
 impl Definitions {
+    /// Refuses protocols of serial lines for CAN buses, and the other way round. `units` are those of
+    /// the buses, as far as they are known.
+    pub fn check(&self, units: impl Iterator<Item = (String, Option<Unit>)>) -> Result<()> {
+        for ((bus, unit), known) in units.zip(&self.known) {
+            let (Some(unit), Some(Definition { protocol, meaning, .. })) = (unit, known) else {
+                continue;
+            };
+            let why = match (unit, meaning) {
+                (Unit::Frames, Meaning::Serial(_)) => "a CAN bus, and that is a serial protocol",
+                (Unit::Bytes, Meaning::Can(_)) => "a serial line, and that is a protocol of CAN",
+                _ => continue,
+            };
+            bail!(UsageError(format!("--decode {bus}={protocol}: {bus} is {why}")));
+        }
+        Ok(())
+    }
+
     /// For each bus: what conditions can name.
     pub fn nameable(&self, buses: &[String]) -> Vec<(String, Option<Known>)> {
         let known = self.known.iter().map(|known| {

@@ -8,6 +8,7 @@ use super::{Ended, definitions, info, output};
 use crate::capture::Source;
 use crate::capture::socketcan::{CanOptions, SocketCan};
 use crate::cli::DemoArgs;
+use crate::permit::{self, Reach};
 use crate::record::{Pace, Split, Target};
 use crate::recording::reader::Recording;
 use crate::recording::writer::WriterOptions;
@@ -16,6 +17,7 @@ use crate::simulate::hmi_can::{HmiCan, onto_can};
 use crate::simulate::rectifier_line::SimulatedRectifier;
 use crate::simulate::source::{Life, SimulatedCan};
 use crate::simulate::zhongheng::fault::{self as line_fault, LineFaults};
+use crate::sys::link::link;
 use crate::text::duration;
 
 /// Name of the interface the demo makes for itself.
@@ -109,7 +111,9 @@ impl Vcan {
         }
         let settings = INTERFACE.parse()?;
         let source = SocketCan::open(&settings, &CanOptions::default())?;
-        let transmitter = onto_can::Transmitter::open(INTERFACE)?;
+        let link = link(INTERFACE)?.context("it is gone again")?;
+        let permit = permit::grant(&[Reach::of_interface(link.clone())], &[])?;
+        let transmitter = onto_can::Transmitter::open(&link, &permit)?;
         let life = Life::default();
         let station = HmiCan::new(life.seed, life.time_scale);
         vcan.sender = Some(tokio::spawn(async move {

@@ -8,6 +8,7 @@ use std::io::Write as _;
 use anyhow::Result;
 use serde_json::{Value, json};
 
+use super::books::{Books, WINDOW};
 use super::{Ended, output};
 use crate::cli::InfoArgs;
 use crate::frame::{Frame, Gap, Timestamp};
@@ -17,9 +18,6 @@ use crate::recording::rewrite::RECOVERY;
 use crate::recording::segment::{Ending, Segment};
 use crate::text::{duration, grouped, printable_json, rfc3339, rfc3339_millis, size};
 use errors::Errors;
-
-/// Metadata of windows around triggers.
-const WINDOW: &str = "bustape.window";
 
 /// Gaps shown before the rest is only counted.
 const GAPS_SHOWN: usize = 10;
@@ -93,14 +91,17 @@ fn print_files(out: &mut impl std::io::Write, recording: &Recording) -> Result<(
 }
 
 fn print_buses(out: &mut impl std::io::Write, recording: &Recording) -> Result<()> {
-    let rows: Vec<Vec<String>> =
-        recording.buses.iter().map(|bus| Bus::of(recording, bus).row()).collect();
+    let buses: Vec<Bus> = recording.buses.iter().map(|bus| Bus::of(recording, bus)).collect();
+    let rows: Vec<Vec<String>> = buses.iter().map(Bus::row).collect();
     if rows.is_empty() {
         return Ok(());
     }
     output::heading(out, "Buses")?;
     let head = ["bus", "address", "kind", "bit/s", "received", "written", "dropped", "unit"];
     write!(out, "{}", output::table(&head, &[3, 4, 5, 6], rows))?;
+    if buses.iter().any(|bus| !bus.books.complete && !bus.books.totals.is_empty()) {
+        writeln!(out, "  + and what is in files that were not finished, which have no books")?;
+    }
     Ok(())
 }
 
@@ -115,7 +116,7 @@ fn print_decoded(out: &mut impl std::io::Write, recording: &Recording) -> Result
     let head = ["bus", "protocol", "messages", "unknown", "invalid"];
     write!(out, "{}", output::table(&head, &[2, 3, 4], rows))?;
     for bus in &buses {
-        if let Some(why) = bus.totals.get("decode_error") {
+        if let Some(why) = bus.books.totals.get("decode_error") {
             output::warning(why);
         }
     }
@@ -126,38 +127,23 @@ fn print_decoded(out: &mut impl std::io::Write, recording: &Recording) -> Result
 struct Bus {
     name: String,
     facts: BTreeMap<String, String>,
-    /// The books at the end of the last finished segment; of windows, which have books of their own,
-    /// all together.
-    totals: BTreeMap<String, String>,
+    books: Books,
 }
 
 impl Bus {
     fn of(recording: &Recording, name: &str) -> Self {
         let record = format!("bustape.bus.{name}");
         let facts = recording.segments.iter().find_map(|s| s.metadata.get(&record));
-        let prefix = format!("{name}.");
-        let totals = |segment: &Segment| -> Option<BTreeMap<String, String>> {
-            let summary = segment.metadata.get("bustape.summary")?.iter();
-            let own = summary.filter_map(|(key, value)| {
-                Some((key.strip_prefix(&prefix)?.to_owned(), value.clone()))
-            });
-            Some(own.collect())
-        };
-        let is_window = |segment: &&Segment| segment.metadata.contains_key(WINDOW);
-        let mut sum = BTreeMap::new();
-        for window in recording.segments.iter().filter(is_window).filter_map(totals) {
-            add_up(&mut sum, window);
-        }
-        let mut rest = recording.segments.iter().rev().filter(|segment| !is_window(segment));
-        let totals = rest.find_map(totals).unwrap_or(sum);
         let facts = facts.cloned().unwrap_or_default();
-        Self { name: name.to_owned(), facts, totals }
+        Self { name: name.to_owned(), facts, books: Books::of(recording, name) }
     }
 
-    /// A count of the summary; an unfinished recording has none.
+    /// A count of the books, with a mark where a file that was not finished adds to it; such a
+    /// file alone has none.
     fn number(&self, key: &str) -> String {
-        let count = self.totals.get(key).and_then(|text| text.parse().ok());
-        count.map_or("?".to_owned(), grouped)
+        let count = self.books.totals.get(key).and_then(|text| text.parse().ok());
+        let mark = if self.books.complete { "" } else { "+" };
+        count.map_or("?".to_owned(), |count| grouped(count) + mark)
     }
 
     fn decoded(&self) -> Option<Vec<String>> {
@@ -173,7 +159,7 @@ impl Bus {
         if let Some(data) = self.facts.get("data_bitrate") {
             bitrate = format!("{bitrate}/{data}");
         }
-        let unit = self.totals.get("unit").cloned().unwrap_or_default();
+        let unit = self.books.totals.get("unit").cloned().unwrap_or_default();
         vec![
             self.name.clone(),
             fact("address"),
@@ -184,15 +170,6 @@ impl Bus {
             number("dropped"),
             unit,
         ]
-    }
-}
-
-/// Adds the books of one more window.
-fn add_up(sum: &mut BTreeMap<String, String>, window: BTreeMap<String, String>) {
-    for (key, value) in window {
-        let numbers = sum.get(&key).and_then(|old| old.parse::<u64>().ok()).zip(value.parse().ok());
-        let value = numbers.map_or(value, |(old, new): (u64, u64)| (old + new).to_string());
-        sum.insert(key, value);
     }
 }
 
@@ -369,7 +346,12 @@ fn as_json(recording: &Recording) -> Value {
     });
     let buses = recording.buses.iter().map(|name| {
         let bus = Bus::of(recording, name);
-        json!({ "name": name, "facts": bus.facts, "totals": bus.totals })
+        json!({
+            "name": name,
+            "facts": bus.facts,
+            "totals": bus.books.totals,
+            "complete": bus.books.complete,
+        })
     });
     let topics = topics(recording).into_iter().map(|(topic, (schema, messages))| {
         json!({ "topic": topic, "schema": schema, "messages": messages })

@@ -14,10 +14,13 @@ use crate::record::keep_mark;
 /// Runs the command.
 pub fn run(args: &KeepArgs) -> Result<Ended> {
     for file in &args.files {
-        if !args.undo && !file.is_file() {
-            bail!("there is no file {}; name the segments that shall be kept", file.display());
-        }
         let mark = keep_mark(file);
+        // A mark that has outlived its file can still be taken away.
+        let is_known = file.is_file() || (args.undo && mark.exists());
+        if !is_known {
+            let shall = if args.undo { "need not be kept any more" } else { "shall be kept" };
+            bail!("there is no file {}; name the segments that {shall}", file.display());
+        }
         if args.undo {
             unmark(&mark)?;
         } else {

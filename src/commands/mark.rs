@@ -44,7 +44,6 @@ fn chosen(mut all: Vec<Running>, name: Option<&str>) -> Result<Running> {
         (Some(_), false, _) => bail!(UsageError(format!(
             "several recorders are running: {names}; choose one with --name"
         ))),
-        (None, _, Some(name)) => bail!("no recorder with the name {name} is running for this user"),
-        (None, ..) => bail!("no recorder is running, or none that this user can see"),
+        (None, ..) => bail!(running::nobody(name)),
     }
 }

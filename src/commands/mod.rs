@@ -1,5 +1,6 @@
 //! The verbs: the only place that joins the stations together and talks to a person.
 
+mod books;
 mod cat;
 mod configuration;
 mod convert;
@@ -15,7 +16,6 @@ mod interrupt;
 mod keep;
 mod mark;
 mod output;
-mod overview;
 mod ports;
 mod protocols;
 mod record;
@@ -69,7 +69,7 @@ pub fn run(cli: &Cli, matches: &ArgMatches) -> u8 {
         Command::Man(args) => install::man(args),
         Command::Keep(args) => keep::run(args),
         Command::Mark(args) => mark::run(args),
-        Command::Status(args) => overview::run(args),
+        Command::Status(args) => status::run(args),
         Command::Retime(args) => retime::run(args),
         Command::Export(args) => export::run(args),
         Command::Import(args) => import::run(args),

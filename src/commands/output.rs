@@ -1,10 +1,13 @@
 //! Words to a person on stderr, results on stdout, tables that align.
 
+use std::fmt::Arguments;
 use std::io::{self, BufWriter, StdoutLock, Write as _};
+use std::os::fd::AsFd as _;
 use std::sync::LazyLock;
 
 use anstyle::{AnsiColor, Style};
 use comfy_table::{CellAlignment, Table, presets};
+use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
 use crate::text::printable;
 
@@ -29,25 +32,30 @@ pub fn result(text: &str) -> io::Result<()> {
 /// Why a command failed.
 pub fn error(text: &str) {
     if to_journal() {
-        return eprintln!("<3>{}", printable(text));
+        return say(format_args!("<3>{}", printable(text)));
     }
-    anstream::eprintln!("{ERROR}error{ERROR:#}: {}", printable(text));
+    say(format_args!("{ERROR}error{ERROR:#}: {}", printable(text)));
 }
 
 /// Something was lost or is not as asked.
 pub fn warning(text: &str) {
     if to_journal() {
-        return eprintln!("<4>{}", printable(text));
+        return say(format_args!("<4>{}", printable(text)));
     }
-    anstream::eprintln!("{WARNING}warning{WARNING:#}: {}", printable(text));
+    say(format_args!("{WARNING}warning{WARNING:#}: {}", printable(text)));
 }
 
 /// Good to know.
 pub fn note(text: &str) {
     if to_journal() {
-        return eprintln!("<6>{}", printable(text));
+        return say(format_args!("<6>{}", printable(text)));
     }
-    anstream::eprintln!("{}", printable(text));
+    say(format_args!("{}", printable(text)));
+}
+
+/// One line on stderr. There is nobody to tell that stderr itself is gone or full.
+fn say(line: Arguments<'_>) {
+    writeln!(anstream::stderr().lock(), "{line}").ok();
 }
 
 /// True where stderr goes to systemd's journal, which takes the level from a number in front
@@ -59,6 +67,14 @@ fn to_journal() -> bool {
         about.is_ok_and(|about| stream == format!("{}:{}", about.st_dev, about.st_ino))
     });
     *JOURNAL
+}
+
+/// False while the terminal behind stderr is stopped (Ctrl-S), or a pipe there is full: a write would
+/// wait until somebody goes on.
+pub fn takes_text() -> bool {
+    let stderr = io::stderr();
+    let mut ready = [PollFd::new(stderr.as_fd(), PollFlags::POLLOUT)];
+    poll(&mut ready, PollTimeout::ZERO).is_ok_and(|ready| ready > 0)
 }
 
 /// A heading on stdout, bold on a terminal.

@@ -3,6 +3,7 @@
 mod can;
 mod layout;
 mod list;
+mod rules;
 mod serial;
 mod show;
 

@@ -7,6 +7,7 @@ mod patience;
 mod plan;
 mod report;
 mod service;
+mod status_line;
 mod watch;
 
 use std::io::Write as _;
@@ -24,7 +25,6 @@ pub use report::report;
 
 use super::configuration::{self, Configured};
 use super::definitions::{self, Definitions};
-use super::status::StatusLine;
 use super::{Ended, UsageError, output};
 use crate::address::BusSpec;
 use crate::capture::socketcan::CanOptions;
@@ -45,6 +45,7 @@ use board::Board;
 use leftovers::Leftovers;
 use patience::Patience;
 use service::Service;
+use status_line::StatusLine;
 pub use watch::Stops;
 use watch::{Signals, Watch};
 
@@ -84,6 +85,7 @@ pub fn run(typed: &RecordArgs, matches: &ArgMatches) -> Result<Ended> {
             };
             buses.push(Bus { name: spec.name.clone(), address: spec.text.clone(), source });
         }
+        definitions.check(buses.iter().map(|bus| (bus.name.clone(), bus.source.facts().unit)))?;
         record(buses, definitions, &plan).await
     })?;
     report(&outcome, args.json)

@@ -35,6 +35,9 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
     let plan = Plan::check(args)?;
     let recording = Recording::open(&args.files)?;
     let plan = plan.complete(args, &recording)?;
+    if args.verify {
+        plan.check_verify()?;
+    }
     let reaches = plan.reaches()?;
     if args.dry_run {
         plan.check_fd(&recording, &reaches)?;
@@ -70,9 +73,10 @@ pub fn run(args: &ReplayArgs) -> Result<Ended> {
     drop(controls);
     say_notes(&mut stage.lanes);
     let verdicts: Vec<_> = stage.lanes.iter_mut().map(Lane::verdict).collect();
-    report::report(args, &plan, &stage, &outcome, &verdicts)?;
+    let reported = report::report(args, &plan, &stage, &outcome, &verdicts);
     drop(stage);
     let ended = ended(outcome, &recording, learnt.damaged)?;
+    reported?;
     match verdicts.into_iter().flatten().find_map(|verdict| verdict.difference) {
         Some(difference) => bail!("what arrived is not what was sent: {difference}"),
         None => Ok(ended),

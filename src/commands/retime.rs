@@ -23,6 +23,9 @@ use crate::text::{
 };
 use clocks::{Boot, boots};
 
+/// Nanoseconds.
+const SECOND: i64 = 1_000_000_000;
+
 /// Runs the command.
 pub fn run(args: &RetimeArgs) -> Result<Ended> {
     let recording = Recording::open(&args.files)?;
@@ -120,9 +123,12 @@ fn target(args: &RetimeArgs, file: &Path, shift: i64) -> PathBuf {
     }
     let name = final_name(file);
     let stem = name.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+    // The time in a name is a whole second, which a shift of some nanoseconds must not make the
+    // one before.
+    let seconds = shift.saturating_add(SECOND / 2).div_euclid(SECOND).saturating_mul(SECOND);
     // Behind the time there can be the trigger of a window.
     let parts = stem.split('_').map(|part| match parse_compact_utc(part) {
-        Some(time) => compact_utc(Timestamp(time.nanos().saturating_add_signed(shift))),
+        Some(time) => compact_utc(Timestamp(time.nanos().saturating_add_signed(seconds))),
         None => part.to_owned(),
     });
     let name = format!("{}.mcap", parts.collect::<Vec<_>>().join("_"));

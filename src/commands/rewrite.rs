@@ -5,8 +5,10 @@ use std::io::{self, IsTerminal as _};
 use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result};
 
+use super::books::Books;
+use super::interrupt::Interrupt;
 use super::{Ended, info, output};
 use crate::frame::{Stamped, Timestamp};
 use crate::record::{Segments, Split, Target};
@@ -35,18 +37,23 @@ pub fn write(
     head: &Head,
     copy: &mut impl Copy,
 ) -> Result<Ended> {
+    let interrupt = Interrupt::watch()?;
     let target = Target::File(path.to_owned());
     let mut segments = Segments::new(Arc::new(RealDisk), target, Split::default(), options)?;
     let mut out = segments.open(head.time, head, "")?;
     let mut summary = summary(recording);
-    let copied = copy_all(&mut entries, copy, &mut out.writer)
-        .and_then(|()| copy.end(&mut out.writer, &mut summary))
-        .and_then(|()| out.writer.finish(summary))
-        .and_then(|()| out.writer.sync());
-    if let Err(error) = copied {
+    let failed = || format!("cannot write {}", path.display());
+    let copied =
+        copy_all(&mut entries, copy, &mut out.writer, &failed, &interrupt).and_then(|()| {
+            let written = copy.end(&mut out.writer, &mut summary);
+            let written = written.and_then(|()| out.writer.finish(summary));
+            let written = written.and_then(|()| out.writer.sync());
+            written.with_context(failed)
+        });
+    if let Err(error) = copied.and_then(|()| interrupt.check()) {
         // The original is still there; half of a copy is of no use to anybody.
         segments.discard(out);
-        bail!("cannot write {}: {error}", path.display());
+        return Err(error);
     }
     let damage = entries.damage().to_vec();
     segments.name(out)?;
@@ -60,14 +67,17 @@ fn copy_all(
     entries: &mut Entries<'_>,
     copy: &mut impl Copy,
     out: &mut SegmentWriter,
-) -> io::Result<()> {
+    failed: &impl Fn() -> String,
+    interrupt: &Interrupt,
+) -> Result<()> {
     let progress = io::stderr().is_terminal();
     let total = entries.bytes_left().max(1);
     let mut percent = 0;
     while let Some(entry) = entries.next() {
-        copy.entry(entry, out)?;
+        interrupt.check()?;
+        copy.entry(entry, out).with_context(failed)?;
         if out.is_full() {
-            out.cut()?;
+            out.cut().with_context(failed)?;
             let now = 100 - entries.bytes_left() * 100 / total;
             if progress && now != percent {
                 percent = now;
@@ -193,11 +203,15 @@ fn other_metadata(recording: &Recording) -> Vec<(String, Facts)> {
     once.into_iter().collect()
 }
 
-/// The books at the end, and which file said so.
+/// The end of the last file that has one, with the books of all files.
 fn summary(recording: &Recording) -> Facts {
     let last = recording.segments.iter().rev().find_map(|s| s.metadata.get("bustape.summary"));
     let cut = Facts::from([("reason".to_owned(), "converted from an unfinished file".to_owned())]);
-    last.cloned().unwrap_or(cut)
+    let mut summary = last.cloned().unwrap_or(cut);
+    for bus in &recording.buses {
+        Books::of(recording, bus).enter(bus, &mut summary);
+    }
+    summary
 }
 
 fn definition(segment: &Segment, channel: u16) -> ChannelDefinition<'_> {

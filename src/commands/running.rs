@@ -59,6 +59,14 @@ pub fn all() -> Vec<Running> {
     all
 }
 
+/// The sentence for a recorder (with this name) that is not there.
+pub fn nobody(name: Option<&str>) -> String {
+    match name {
+        Some(name) => format!("no recorder with the name {name} is running for this user"),
+        None => "no recorder is running, or none that this user can see".to_owned(),
+    }
+}
+
 fn given(name: &str) -> Option<PathBuf> {
     // systemd separates several by colons.
     let folders = std::env::var(name).ok()?;

@@ -1,72 +1,85 @@
-//! The status line of a recording, on a terminal only.
+//! `bustape status`: what the recorders of this machine are doing.
 
-use std::io::{IsTerminal as _, Write as _};
+use std::io::Write as _;
+use std::time::Duration;
 
-use crate::frame::Timestamp;
-use crate::queue::Totals;
-use crate::record::State;
-use crate::text::{duration, grouped, size};
+use anyhow::{Result, bail};
+use serde_json::{Value, json};
 
-/// One line on stderr that is written over and over.
-pub struct StatusLine {
-    shown: bool,
-    on_terminal: bool,
-    before: Option<(Timestamp, u64)>,
+use super::running::{self, Running};
+use super::{Ended, output};
+use crate::cli::StatusArgs;
+use crate::text::{duration, grouped, printable, printable_json, size};
+
+/// A status that was not renewed for so long means that the recorder hangs.
+const STALE: Duration = Duration::from_secs(5);
+
+/// Runs the command.
+pub fn run(args: &StatusArgs) -> Result<Ended> {
+    let mut all = running::all();
+    all.retain(|recorder| args.name.as_ref().is_none_or(|name| recorder.name == *name));
+    let mut out = output::stdout();
+    if args.json {
+        let all: Vec<Value> = all.iter().map(as_json).collect();
+        writeln!(out, "{}", printable_json(&Value::Array(all).to_string()))?;
+    }
+    if all.is_empty() {
+        out.flush()?;
+        bail!(running::nobody(args.name.as_deref()));
+    }
+    for recorder in all.iter().filter(|_| !args.json) {
+        print(&mut out, recorder)?;
+    }
+    out.flush()?;
+    let lost = |bus: &Value| bus["dropped"] != 0 || bus["outages"] != 0;
+    let mut buses = all.iter().flat_map(|r| r.status["buses"].as_array().into_iter().flatten());
+    Ok(if buses.any(lost) { Ended::WithLoss } else { Ended::Well })
 }
 
-impl StatusLine {
-    /// Silent unless stderr is a terminal.
-    pub fn new() -> Self {
-        Self { shown: false, on_terminal: std::io::stderr().is_terminal(), before: None }
-    }
-
-    /// Shows the state of things.
-    pub fn show(&mut self, started: Timestamp, now: Timestamp, totals: &[Totals], state: &State) {
-        if !self.on_terminal {
-            return;
-        }
-        let received: u64 = totals.iter().map(|t| t.received).sum();
-        let lost: u64 = totals.iter().map(Totals::lost).sum();
-        let rate = self.rate(now, received);
-        let synced = match state.synced {
-            Some(time) => format!("{} ago", duration(now.since(time))),
-            None => "not yet".to_owned(),
-        };
-        let file = state.file.file_name().map(|n| n.to_string_lossy().into_owned());
-        let line = format!(
-            "{}  {}/s  {} received, {} dropped  {}  {} synced {synced}",
-            duration(now.since(started)),
-            grouped(rate),
-            grouped(received),
-            grouped(lost),
-            size(state.earlier_bytes + state.file_bytes),
-            crate::text::printable(&file.unwrap_or_default()),
-        );
-        let width = terminal_width();
-        let line: String = line.chars().take(width.saturating_sub(1)).collect();
-        eprint!("\r\x1b[K{line}");
-        std::io::stderr().flush().ok();
-        self.shown = true;
-    }
-
-    /// Makes room for other output.
-    pub fn clear(&mut self) {
-        if std::mem::take(&mut self.shown) {
-            eprint!("\r\x1b[K");
-        }
-    }
-
-    fn rate(&mut self, now: Timestamp, received: u64) -> u64 {
-        let rate = self.before.map_or(0, |(then, before)| {
-            let nanos = u128::from(now.since(then)).max(1);
-            let count = u128::from(received - before);
-            u64::try_from(count * 1_000_000_000 / nanos).unwrap_or(u64::MAX)
-        });
-        self.before = Some((now, received));
-        rate
-    }
+fn as_json(recorder: &Running) -> Value {
+    let mut status = recorder.status.clone();
+    status["age_s"] = json!(recorder.age.as_secs_f64());
+    status
 }
 
-fn terminal_width() -> usize {
-    terminal_size::terminal_size().map_or(80, |(width, _)| usize::from(width.0))
+fn print(out: &mut impl std::io::Write, recorder: &Running) -> Result<()> {
+    let Running { name, pid, status, age, .. } = recorder;
+    let number = |value: &Value| value.as_u64().unwrap_or(0);
+    let seconds = |value: &Value| duration(number(value).saturating_mul(1_000_000_000));
+    writeln!(out, "{} (process {pid}), up {}", printable(name), seconds(&status["uptime_s"]))?;
+    if *age > STALE {
+        writeln!(out, "  it has said nothing for {} s", age.as_secs())?;
+    }
+    let rows = status["buses"].as_array().into_iter().flatten().map(|bus| {
+        let cell = |key: &str| grouped(number(&bus[key]));
+        let rate = format!("{:.0}/s", bus["rate"].as_f64().unwrap_or(0.0));
+        let text = |key: &str| bus[key].as_str().unwrap_or_default().to_owned();
+        let away = cell("outages");
+        vec![
+            text("bus"),
+            text("unit"),
+            rate,
+            cell("received"),
+            cell("written"),
+            cell("dropped"),
+            away,
+        ]
+    });
+    let head = ["bus", "unit", "rate", "received", "written", "dropped", "outages"];
+    out.write_all(output::table(&head, &[2, 3, 4, 5, 6], rows.collect()).as_bytes())?;
+    if let Some(file) = status["file"].as_str().filter(|file| !file.is_empty()) {
+        let bytes = size(number(&status["file_bytes"]));
+        writeln!(out, "  writing {} ({bytes})", printable(file))?;
+    }
+    if let Some(window) = status["window"].as_str() {
+        let count = grouped(number(&status["windows"]));
+        writeln!(out, "  {count} windows around triggers, the latest {}", printable(window))?;
+    }
+    let synced = match status["synced_ms_ago"].as_u64() {
+        Some(ago) => format!("{} before", duration(ago.saturating_mul(1_000_000))),
+        None => "not yet".to_owned(),
+    };
+    writeln!(out, "  last sync {synced}, {} waiting", size(number(&status["queued_bytes"])))?;
+    writeln!(out, "  {} free on the disk", size(number(&status["free_bytes"])))?;
+    Ok(())
 }

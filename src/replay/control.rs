@@ -127,7 +127,11 @@ impl Script {
     fn read(&mut self, take: &mut dyn FnMut(Result<Request, String>)) -> bool {
         let mut buffer = [0; 1024];
         let length = match self.from.read(&mut buffer) {
-            Ok(0) => return false,
+            Ok(0) => {
+                // The last line needs no end of its own.
+                self.end_line(take);
+                return false;
+            }
             Ok(length) => length,
             Err(error) => {
                 return matches!(
@@ -144,14 +148,19 @@ impl Script {
                 }
                 continue;
             }
-            let line = std::mem::take(&mut self.line);
-            match Request::parse(&String::from_utf8_lossy(&line)) {
-                Ok(Some(request)) => take(Ok(request)),
-                Ok(None) => {}
-                Err(error) => take(Err(error)),
-            }
+            self.end_line(take);
         }
         true
+    }
+
+    /// Understands the line that was read.
+    fn end_line(&mut self, take: &mut dyn FnMut(Result<Request, String>)) {
+        let line = std::mem::take(&mut self.line);
+        match Request::parse(&String::from_utf8_lossy(&line)) {
+            Ok(Some(request)) => take(Ok(request)),
+            Ok(None) => {}
+            Err(error) => take(Err(error)),
+        }
     }
 }
 

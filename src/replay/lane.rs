@@ -90,6 +90,11 @@ impl Lane {
         self.blocked.is_some()
     }
 
+    /// True if it takes a frame only when another node on the bus acknowledges it.
+    pub fn waits_for_nodes(&self) -> bool {
+        self.sink.is_can()
+    }
+
     /// The target.
     pub fn sink(&mut self) -> &mut dyn Sink {
         &mut *self.sink
@@ -103,12 +108,21 @@ impl Lane {
         (&*self.sink, events)
     }
 
-    /// Adds something that is due at `at` on the steady clock.
+    /// Adds something that is due at `at` on the steady clock. The queue stays in the order of its
+    /// moments, although answers come with theirs in any order: frames go out when they are due,
+    /// bytes of a line never before those that were said earlier.
     pub fn push(&mut self, at: u64, item: Item) {
-        match (self.pace, &item.frame) {
-            (Some(pace), Frame::Serial(_)) => self.push_paced(pace, at, item),
-            _ => self.queue.push_back(Due { at, item, last: true }),
+        if let Frame::Serial(_) = &item.frame {
+            let at = at.max(self.queue.back().map_or(0, |due| due.at));
+            return match self.pace {
+                Some(pace) => self.push_paced(pace, at, item),
+                None => self.queue.push_back(Due { at, item, last: true }),
+            };
         }
+        let place = self.queue.partition_point(|due| due.at <= at);
+        // A target that takes nothing now may have a part of the first one.
+        let place = place.max(usize::from(self.is_blocked())).min(self.queue.len());
+        self.queue.insert(place, Due { at, item, last: true });
     }
 
     fn push_paced(&mut self, pace: Pace, at: u64, item: Item) {
@@ -222,5 +236,65 @@ impl Lane {
                 tally.omitted.add(NotSent::Unfinished, 1);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cell::RefCell;
+    use std::os::fd::BorrowedFd;
+    use std::rc::Rc;
+
+    use super::*;
+    use crate::frame::{CanFlags, CanFrame, Direction, Timestamp};
+
+    /// Takes everything at once.
+    struct Taker(Rc<RefCell<Vec<Frame>>>);
+
+    impl Sink for Taker {
+        fn send(&mut self, front: &[Due]) -> Result<Took, ReplayError> {
+            self.0.borrow_mut().extend(front.iter().map(|due| due.item.frame.clone()));
+            Ok(Took::sent(front.len()))
+        }
+
+        fn descriptor(&self) -> Option<BorrowedFd<'_>> {
+            None
+        }
+    }
+
+    fn can(id: u32) -> Frame {
+        Frame::Can(CanFrame::new(id, CanFlags::default(), &[]))
+    }
+
+    fn piece(byte: u8) -> Frame {
+        let (direction, data) = (Direction::Rx, vec![byte]);
+        Frame::Serial(SerialBytes { direction, data, errors: Vec::new() })
+    }
+
+    /// What has come out at `now` of what was pushed with the moments in front.
+    fn out(pushed: &[(u64, Frame)], now: u64) -> Vec<Frame> {
+        let taken = Rc::default();
+        let mut lane = Lane::new("x".to_owned(), Box::new(Taker(Rc::clone(&taken))), None);
+        for (at, frame) in pushed {
+            let (time, frame) = (Timestamp(0), frame.clone());
+            lane.push(*at, Item { media: 0, time, bus: 0, frame });
+        }
+        lane.flush(now, true, &mut [Tally::default()]).unwrap();
+        taken.take()
+    }
+
+    #[test]
+    fn frames_go_out_at_their_moments_whatever_waits_before_them() {
+        let frames = [(300, can(3)), (100, can(1)), (100, can(2)), (200, can(9))];
+        assert_eq!(out(&frames, 99), []);
+        assert_eq!(out(&frames, 150), [can(1), can(2)]);
+        assert_eq!(out(&frames, 300), [can(1), can(2), can(9), can(3)]);
+    }
+
+    #[test]
+    fn bytes_keep_their_order_and_wait_for_those_before_them() {
+        let pieces = [(300, piece(1)), (100, piece(2)), (400, piece(3))];
+        assert_eq!(out(&pieces, 150), []);
+        assert_eq!(out(&pieces, 300), [piece(1), piece(2)]);
     }
 }

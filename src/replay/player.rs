@@ -56,7 +56,7 @@ pub fn play(
             given: 0,
             steps: 0,
             starved: true,
-            held: false,
+            held: None,
             ended: false,
             next_status: began,
             hear_by: began,
@@ -66,9 +66,7 @@ pub fn play(
         };
         let ending = player.run();
         if !matches!(ending, Ok(Ending::Finished | Ending::Count)) {
-            for lane in &mut player.stage.lanes {
-                lane.abandon(&mut player.tallies);
-            }
+            player.abandon();
         }
         player.take_books();
         let took = steady_nanos().saturating_sub(began);
@@ -104,8 +102,8 @@ struct Player<'a, 'scope, 'env> {
     steps: u64,
     /// The reader has not got as far as we have.
     starved: bool,
-    /// The next frame waits for room in its lane.
-    held: bool,
+    /// The lane in which the next frame waits for room.
+    held: Option<usize>,
     /// Nothing more comes from the feed.
     ended: bool,
     next_status: u64,
@@ -123,12 +121,17 @@ impl Player<'_, '_, '_> {
         self.begin()?;
         while self.ending.is_none() {
             self.obey_next();
+            if self.ending.is_some() {
+                // Else it would wait for the next thing to happen, which may never do.
+                break;
+            }
             let mut due = self.release();
             let now = steady_nanos();
             for lane in &mut self.stage.lanes {
                 lane.flush(now, self.schedule.rate() != Rate::Max, &mut self.tallies)?;
             }
-            if self.held && !self.stage.lanes.iter().any(Lane::is_full) {
+            let held = self.held.and_then(|lane| self.stage.lanes.get(lane));
+            if held.is_some_and(|lane| !lane.is_full()) {
                 due = Some(0);
             }
             let count = self.options.count.is_some_and(|count| self.given >= count);
@@ -174,7 +177,7 @@ impl Player<'_, '_, '_> {
     /// Gives lanes what is due. Returns when to come back, if that is known.
     fn release(&mut self) -> Option<u64> {
         let now = steady_nanos();
-        (self.starved, self.held) = (false, false);
+        (self.starved, self.held) = (false, None);
         for _ in 0..TURN {
             if self.ended || self.options.count.is_some_and(|count| self.given >= count) {
                 self.ended = true;
@@ -200,12 +203,10 @@ impl Player<'_, '_, '_> {
                 return Some(due);
             }
             // A full lane is looked at when its target has room again.
-            let full = self.feed.bus().is_some_and(|bus| {
-                let lane = self.stage.lane_of.get(bus);
-                lane.and_then(|lane| self.stage.lanes.get(*lane)).is_some_and(Lane::is_full)
-            });
-            if full {
-                self.held = true;
+            let lane = self.feed.bus().and_then(|bus| self.stage.lane_of.get(bus).copied());
+            let is_full = |lane: &usize| self.stage.lanes.get(*lane).is_some_and(Lane::is_full);
+            if let Some(full) = lane.filter(is_full) {
+                self.held = Some(full);
                 return None;
             }
             if let Some(item) = self.feed.take() {

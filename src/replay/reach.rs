@@ -5,20 +5,18 @@ use super::target::TargetAddress;
 use crate::permit::Reach;
 use crate::sys::link::{self, Link};
 
-/// Looks what stands at `address`. A serial port is real even if it is somebody's
-/// pseudo-terminal: a bridge to a line may be behind it.
+/// Looks what stands at `address`, and has it judged.
 ///
 /// # Errors
 /// There is no such interface, it is not CAN, or it is down.
 pub fn reach_of(address: &TargetAddress) -> Result<Reach, ReplayError> {
-    let (kind, is_virtual) = match address {
-        TargetAddress::Can(name) => return Ok(Reach::of_interface(can_interface(name)?)),
-        TargetAddress::Slcan(_) => ("slcan adapter", false),
-        TargetAddress::Port { .. } => ("serial port", false),
-        TargetAddress::Pty(_) => ("pseudo-terminal", true),
-        TargetAddress::Trace => ("text", true),
-    };
-    Ok(Reach::known(address.name(), kind, is_virtual))
+    Ok(match address {
+        TargetAddress::Can(name) => Reach::of_interface(can_interface(name)?),
+        TargetAddress::Slcan(adapter) => Reach::of_adapter(&adapter.path),
+        TargetAddress::Port { path, .. } => Reach::of_port(path),
+        TargetAddress::Pty(path) => Reach::of_own_terminal(path),
+        TargetAddress::Trace => Reach::of_text(&address.name()),
+    })
 }
 
 /// The interface with this name, if it is a CAN interface that is up.

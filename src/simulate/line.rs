@@ -13,6 +13,7 @@ use tokio::time::{Instant, sleep_until, timeout};
 
 use crate::capture::CaptureError;
 use crate::capture::serial::{Link, PortSpec, SerialSettings, Use, linked};
+use crate::permit::Permit;
 use crate::sys::Waiting;
 use crate::sys::pty::Pty;
 use crate::sys::tty::Tty;
@@ -71,11 +72,15 @@ impl Line {
             .map_err(|error| cannot(path, &error))
     }
 
-    /// A serial port.
+    /// A serial port that may be spoken on.
     ///
     /// # Errors
     /// Where it cannot be opened or has no such settings.
-    pub fn port(path: PathBuf, settings: SerialSettings) -> Result<Self, CaptureError> {
+    pub fn port(
+        path: PathBuf,
+        settings: SerialSettings,
+        _permit: &Permit,
+    ) -> Result<Self, CaptureError> {
         let (spec, opened) = PortSpec::open_first(path, settings, Use::Adapter)?;
         let tty = opened.tty;
         let baud = if tty.is_pseudo() { spec.settings.baud } else { 0 };

@@ -16,7 +16,8 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("capture", &["frame", "clock", "sys", "queue"]),
     ("recording", &["frame"]),
     ("record", &["frame", "clock", "text", "queue", "recording", "capture", "channels", "trigger"]),
-    ("simulate", &["frame", "clock", "sys", "queue", "capture"]),
+    // Devices that speak do so with a permit.
+    ("simulate", &["frame", "clock", "sys", "queue", "permit", "capture"]),
     // What frames mean: no files, no buses.
     // Fields of messages of several frames are written as those of serial lines.
     ("decode", &["frame", "protocol"]),

@@ -159,6 +159,9 @@ fn topics_times_and_filters_select_what_is_printed() {
         assert_eq!(has_time(&["-f", "can0,123:C00007FF"]), 3);
         assert_eq!(has_time(&["-f", "can0,123:C00007FF,#0"]), 2);
         assert_eq!(has_time(&["-f", "can0,~123:7FF,400:400,j,#0", "-f", "rect"]), 4);
+        // Given again for the same bus they add up, as the parts of one do.
+        assert_eq!(has_time(&["-f", "can0,123:C00007FF", "-f", "can0,#0"]), 2);
+        assert_eq!(has_time(&["-f", "can0,123:C00007FF", "-f", "can0"]), 3);
     });
 }
 

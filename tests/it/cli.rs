@@ -2,7 +2,11 @@
 
 use std::ffi::OsString;
 
-use crate::support::process::{args, bustape};
+use bustape::frame::{CanFlags, CanFrame, Frame};
+use bustape::recording::writer::Layout;
+
+use crate::support::make::{at, make};
+use crate::support::process::{BUSTAPE, args, bustape, spawn};
 
 const COMMANDS: &[&str] = &[
     "record", "info", "cat", "convert", "recover", "retime", "keep", "ports", "demo", "export",
@@ -104,6 +108,44 @@ fn a_bus_that_cannot_be_opened_is_said_and_leaves_no_file() {
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 
+#[test]
+fn a_protocol_of_the_other_kind_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("a.mcap");
+    for (bus, protocol, sentence) in [
+        ("hmi-can", "zhongheng-09", "is a CAN bus, and that is a serial protocol"),
+        ("zhongheng-09", "hmi-can", "is a serial line, and that is a protocol of CAN"),
+    ] {
+        let (address, decode) = (format!("x=sim:{bus}"), format!("x={protocol}"));
+        let command = [&"record" as &dyn AsRef<_>, &address, &"--decode", &decode, &"-o", &out];
+        let ran = bustape(args(&command)).expect(2);
+        assert!(ran.err.contains(&format!("--decode {decode}: x {sentence}")), "{}", ran.err);
+    }
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn a_full_disk_behind_stdout_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let (file, tty) = (folder.path().join("a.mcap"), folder.path().join("tty"));
+    let frame = CanFrame::new(1, CanFlags::default(), &[]);
+    make(&file, Layout::Frame, &["can0", "line"], &[(0, at(0, Frame::Can(frame)))]);
+    let to = ["--to", &format!("line=pty:{}", tty.display())];
+    for more in [
+        &["info"][..],
+        &["info", "--json"],
+        &["replay", to[0], to[1]],
+        &["replay", to[0], to[1], "--json"],
+        &["replay", to[0], to[1], "--dry-run"],
+        &["replay", to[0], to[1], "--dry-run", "--json"],
+    ] {
+        let mut command = std::process::Command::new("sh");
+        command.args(["-c", "exec \"$0\" \"$@\" >/dev/full", BUSTAPE]).args(more).arg(&file);
+        let ran = spawn(command).wait().expect(1);
+        assert!(ran.err.contains("error: No space left on device"), "{more:?}: {}", ran.err);
+    }
+}
+
 fn help(command: &str) -> String {
     let help: Vec<OsString> = match command {
         "" => args(&[&"--help"]),
@@ -165,7 +207,7 @@ fn the_version_is_the_package_s() {
 fn more_digits_than_are_taken_from_stdin_are_refused() {
     let mut shell = std::process::Command::new("sh");
     let line = "head -c 67108866 /dev/zero | tr '\\0' 0 | \"$0\" explain --decode zhongheng-09";
-    shell.args(["-c", line, crate::support::process::BUSTAPE]);
-    let ran = crate::support::process::spawn(shell).wait().expect(2);
+    shell.args(["-c", line, BUSTAPE]);
+    let ran = spawn(shell).wait().expect(2);
     assert!(ran.err.contains("stdin has more than 64 MiB"), "{}", ran.err);
 }

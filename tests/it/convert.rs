@@ -11,11 +11,13 @@ use bustape::recording::writer::Layout;
 use proptest::prelude::*;
 
 use crate::record::in_order;
+use crate::support::bytes::noise;
 use crate::support::make::{START, make};
 use crate::support::mcap::{self, Mcap};
 use crate::support::messages::{self, Raw};
 use crate::support::peers;
-use crate::support::process::{args, bustape};
+use crate::support::process::{args, bustape, start};
+use crate::support::{files, until};
 
 const BUSES: [&str; 2] = ["can0", "rect"];
 const FD_LENGTHS: [usize; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64];
@@ -235,5 +237,26 @@ fn without_a_layout_it_stays_as_it_is() {
         let (old, new) = (mcap::finished(&path), mcap::finished(&new));
         assert_eq!(new.facts("bustape.recording")["layout"], layout.name());
         assert_eq!(messages::cans(&old, "can0"), messages::cans(&new, "can0"));
+    }
+}
+
+#[test]
+fn a_copy_that_is_interrupted_leaves_nothing_behind() {
+    let folder = tempfile::tempdir().unwrap();
+    let [raw, copy, part] = ["raw", "copy", "copy.part"].map(|name| folder.path().join(name));
+    let frame = |n: u64| Stamped {
+        time: Timestamp(START + n * 1000),
+        value: Frame::Can(CanFrame::new(n as u32 % 0x700, CanFlags::default(), &noise(n, 8))),
+    };
+    let frames: Vec<_> = (0..400_000).map(|n| (0, frame(n))).collect();
+    make(&raw, Layout::Frame, &BUSES, &frames);
+    for verb in [&["convert"][..], &["decode", "--decode", "can0=hmi-can"]] {
+        let mut command = args(&[&verb[0], &raw, &"-o", &copy, &"--compression", &"19"]);
+        command.extend(verb[1..].iter().map(Into::into));
+        let running = start(command);
+        until("the copy", || part.exists().then_some(()));
+        let ran = running.stop().expect(1);
+        assert!(ran.err.contains("interrupted"), "{}", ran.err);
+        assert_eq!(files(folder.path()), ["raw"]);
     }
 }

@@ -146,6 +146,17 @@ fn the_built_in_protocols_are_listed_and_shown() {
         assert!(shown.starts_with("0x00090001 ALT_1, 3 bytes, ctrl-to-hmi\n"), "{shown}");
         assert!(shown.contains("\n  3  Inverters\n"), "{shown}");
     }
+    // And all else that the overview names.
+    let shown = bustape(["protocols", "show", "hmi-can", "CONFIG_REQUEST"]).expect(0).out;
+    assert!(shown.contains(" CONFIG_REQUEST, remote frame"), "{shown}");
+    for assembly in can["assemblies"].as_array().unwrap() {
+        let name = assembly["message"].as_str().unwrap();
+        let one = bustape(["protocols", "show", "hmi-can", name, "--json"]).expect(0).json();
+        let fields = one["fields"].as_array().unwrap().iter().map(|field| field["field"].clone());
+        assert_eq!(fields.collect::<Value>(), assembly["fields"], "{one}");
+        let shown = bustape(["protocols", "show", "hmi-can", name]).expect(0).out;
+        assert!(shown.starts_with(name) && shown.contains(" of several frames"), "{shown}");
+    }
     let serial =
         bustape(["protocols", "show", "zhongheng-09", "0x40ec", "--json"]).expect(0).json();
     assert_eq!(serial["args"][0]["field"], "module_position");

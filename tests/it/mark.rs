@@ -103,6 +103,8 @@ fn the_status_tells_what_each_recorder_does_and_the_socket_is_private() {
     for part in ["one (process ", "two (process ", "station", "last sync", "free on the disk"] {
         assert!(ran.out.contains(part), "{part}: {}", ran.out);
     }
+    let ran = here(folder, ["status", "--name", "three"]).wait().expect(1);
+    assert!(ran.err.contains("no recorder with the name three is running"), "{}", ran.err);
     // Which of the two?
     let ran = mark(folder, &["which"]).expect(2);
     assert!(ran.err.contains("choose one with --name"), "{}", ran.err);

@@ -10,6 +10,7 @@ use serde_json::Value;
 
 use crate::support::mcap::{self, Mcap};
 use crate::support::messages::{self, Raw};
+use crate::support::person::Person;
 use crate::support::process::{Ran, args, bustape, start};
 use crate::support::{peers, several, station, until};
 
@@ -256,4 +257,23 @@ fn the_totals_are_printed_for_a_person_too() {
         assert!(info.out.contains(part), "{part} is missing: {}", info.out);
     }
     assert_eq!(info.err, "");
+}
+
+#[test]
+fn a_terminal_that_is_stopped_does_not_stop_the_recording() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let command = args(&[&"record", &"sim:hmi-can", &"-o", &path, &"--duration", &"3s"]);
+    let mut person = Person::start(command);
+    person.sees(" received, 0 dropped");
+    person.press("\x13");
+    // It ends by itself, and only its last words wait for the person.
+    until("the finished file", || path.exists().then_some(()));
+    person.press("\x11");
+    assert_eq!(person.wait().0, Some(0));
+    let file = mcap::finished(&path);
+    assert_eq!(file.facts("bustape.summary")["reason"], "duration");
+    let times: Vec<u64> = messages::cans(&file, "hmi-can").iter().map(|(time, _)| *time).collect();
+    let widest = times.windows(2).map(|two| two[1] - two[0]).max();
+    assert!(widest.is_some_and(|nanos| nanos < 1_000_000_000), "{widest:?}");
 }

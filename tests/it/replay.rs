@@ -22,6 +22,7 @@ mod again;
 mod answers;
 mod control;
 mod permission;
+mod slow;
 
 const MILLI: u64 = 1_000_000;
 
@@ -177,6 +178,10 @@ fn what_makes_no_sense_is_refused_before_anything_is_sent() {
         (vec!["--to", "can0=trace:", "--filter", "line,1:2"], 2, "no --to for line"),
         (vec!["--to", "can0=trace:", "--filter", "123:7FF"], 2, "e.g. can0,123:7FF"),
         (vec!["--to", "line=trace:", "--filter", "line,1:2"], 2, "only CAN buses"),
+        (vec!["--to", "line=trace:", "--message", "FOO"], 2, "only CAN buses have messages"),
+        (vec!["--to", "line=trace:", "--message", "line:FOO"], 2, "only CAN buses have messages"),
+        (vec!["--to", "line=trace:", "--message", "can0:FOO"], 2, "no --to for can0"),
+        (vec!["--to", "line=trace:", "--remap", "line:123=456"], 2, "has no identifiers"),
         (vec!["--to", "can0=trace:", "--remap", "can0:123=XYZ"], 2, "no identifier"),
         (vec!["--to", "can0=trace:", "--verify"], 2, "does not hand back"),
         (vec!["--to", "can0=trace:", "--answer", "line"], 2, "say where with --to"),
@@ -200,6 +205,37 @@ fn a_recording_that_was_cut_off_is_played_as_far_as_it_goes() {
     let ran = ran.expect(3);
     assert!(ran.out == cat.out && lines(&ran.out).len() > 300);
     assert!(ran.err.contains("was not finished"), "{}", ran.err);
+}
+
+#[test]
+fn two_buses_of_one_name_and_different_kinds_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let [can_file, line_file] = ["a.mcap", "b.mcap"].map(|name| folder.path().join(name));
+    let frame = can(1, CanFlags::default(), &[]);
+    make(&can_file, Layout::Frame, &["x"], &[(0, at(0, frame))]);
+    make(&line_file, Layout::Frame, &["x"], &[(0, at(MILLI, serial(Direction::Rx, b"a")))]);
+    for files in [[&can_file, &line_file], [&line_file, &can_file]] {
+        let ran = bustape(args(&[&"replay", files[0], files[1], &"--to", &"x=trace:"])).expect(2);
+        assert!(ran.err.contains("a serial line in another"), "{}", ran.err);
+    }
+}
+
+#[test]
+fn who_answers_has_a_target_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("a.mcap");
+    let piece = |n, direction, data: &[u8]| (n, at(n as u64 * MILLI, serial(direction, data)));
+    let pieces = [piece(0, Direction::Tx, b"a"), piece(1, Direction::Tx, b"b")];
+    make(&file, Layout::Frame, &["a", "b"], &pieces);
+    let tty = folder.path().join("tty");
+    let [a, b] = ["a", "b"].map(|bus| format!("{bus}=pty:{}", tty.display()));
+    let all = [&"replay" as &dyn AsRef<std::ffi::OsStr>, &file, &"--to", &a, &"--to", &b];
+    for answered in [&["--answer", "a", "--answer", "b"][..], &["--answer", "b"]] {
+        let mut command = args(&all);
+        command.extend(answered.iter().map(Into::into));
+        let ran = bustape(command).expect(2);
+        assert!(ran.err.contains("--answer b: pty:") && !tty.exists(), "{}", ran.err);
+    }
 }
 
 /// A reader of a terminal: all that comes until it is hung up, or until there are `count` bytes.

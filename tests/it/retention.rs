@@ -92,8 +92,12 @@ fn the_oldest_goes_first_but_never_one_that_is_kept_or_holds_an_event_nor_the_on
     record(folder, &["--keep-size", "4MiB"]).expect(0);
     let found: Vec<usize> = (1..=8).filter(|number| left(*number)).collect();
     assert_eq!(found, [2, 3, 8]);
-    let ran = bustape(args(&[&"keep", &folder.join("no.mcap")])).expect(1);
-    assert!(ran.err.contains("there is no file"), "{}", ran.err);
+    for undo in [&[][..], &["--undo"]] {
+        let mut command = args(&[&"keep", &folder.join("no.mcap")]);
+        command.extend(undo.iter().map(Into::into));
+        let ran = bustape(command).expect(1);
+        assert!(ran.err.contains("there is no file"), "{}", ran.err);
+    }
 }
 
 #[test]

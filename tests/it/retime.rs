@@ -196,6 +196,10 @@ fn it_says_what_it_would_do_and_does_it_by_hand_too() {
     is_moved(&mcap::finished(&new), &mcap::finished(&old), 3_600_500_000_000);
     // Nothing is overwritten.
     bustape(args(&[&"retime", &old, &"-o", &new, &"--offset", &"-1s"])).expect(1);
+    // The second in a name is not another one because of some nanoseconds.
+    let nanos = args(&[&"retime", &old, &"--dry-run"]);
+    let ran = bustape(nanos.into_iter().chain(args(&[&"--offset=-0.000000009s"]))).expect(0);
+    assert!(ran.out.contains("_19700101T000003Z.mcap: times moved by -9 ns"), "{}", ran.out);
 }
 
 #[test]

@@ -196,6 +196,43 @@ fn recordings_in_one_folder_are_numbered() {
 }
 
 #[test]
+fn the_books_of_several_recordings_are_added_up_and_what_has_none_is_marked() {
+    let folder = tempfile::tempdir().unwrap();
+    let frame = |n| at(n, Frame::Can(CanFrame::new(1, CanFlags::default(), &[])));
+    let write = |name: &str, buses: &[&str], frames: u64, more: &[(&str, &str)]| {
+        let mut head = head(buses);
+        head.recording.insert("session_id".to_owned(), name.to_owned());
+        let frames: Vec<_> = (0..frames).map(|n| (0, frame(n))).collect();
+        let path = folder.path().join(name);
+        make_with(&path, Layout::Frame, &head, &frames, more);
+        path
+    };
+    let (seventy_nine, sixty) = (("can0.received", "79"), ("can1.received", "60"));
+    let one = write("one.mcap", &["can0", "can1"], 79, &[seventy_nine, sixty]);
+    let two = write("two.mcap", &["can0"], 137, &[("can0.received", "137")]);
+    let info = bustape(args(&[&"info", &"--json", &one, &two])).expect(0).json();
+    let received = |info: &serde_json::Value, bus: usize| {
+        let bus = &info["buses"][bus];
+        (bus["totals"]["received"].as_str().unwrap().to_owned(), bus["complete"] == true)
+    };
+    assert_eq!(received(&info, 0), ("216".to_owned(), true));
+    assert_eq!(received(&info, 1), ("60".to_owned(), true));
+    // Made one file of, they are as many.
+    let both = folder.path().join("both.mcap");
+    bustape(args(&[&"convert", &one, &two, &"-o", &both])).expect(0);
+    assert_eq!(mcap::finished(&both).facts("bustape.summary")["can0.received"], "216");
+
+    let three = write("three.mcap", &["can0"], 500, &[("can0.received", "500")]);
+    let bytes = std::fs::read(&three).unwrap();
+    std::fs::write(&three, &bytes[..bytes.len() / 2]).unwrap();
+    let info = bustape(args(&[&"info", &"--json", &one, &two, &three])).expect(0).json();
+    assert_eq!(received(&info, 0), ("216".to_owned(), false));
+    assert_eq!(received(&info, 1), ("60".to_owned(), true));
+    let shown = bustape(args(&[&"info", &one, &two, &three])).expect(0).out;
+    assert!(shown.contains(" 216+ ") && shown.contains(" 60 "), "{shown}");
+}
+
+#[test]
 fn the_final_totals_are_those_of_the_last_segment_even_if_nothing_is_in_it() {
     let folder = tempfile::tempdir().unwrap();
     let frame = at(0, Frame::Can(CanFrame::new(1, CanFlags::default(), &[])));

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use crate::support::messages;
 use crate::support::process::{Ran, Running, args, bustape, spawn, start};
+use crate::support::terminal::Device;
 use crate::support::{mcap, peers, several, until};
 
 const FAULTS: [&str; 9] = [
@@ -97,6 +98,21 @@ fn nothing_is_sent_to_what_may_be_real_unless_it_is_named() {
     // Permitted, but no port.
     let line = ["simulate", "zhongheng-09", "/dev/null,19200", "--transmit-on", "/dev/null"];
     bustape(line).expect(1);
+}
+
+#[test]
+fn the_terminal_of_another_program_hears_nothing_unless_it_is_named() {
+    // A bridge to a real line looks no other.
+    let device = Device::new();
+    let port = device.port().display().to_string();
+    let address = format!("{port},19200,8N1");
+    let line = ["simulate", "zhongheng-09", &address, "--role", "master", "--duration", "2s"];
+    let ran = bustape(line).expect(4);
+    assert!(ran.err.contains(&format!("add --transmit-on {port}")), "{}", ran.err);
+    let mut heard = [0; 64];
+    assert!(device.hear(&mut heard).is_err(), "{heard:02X?}");
+    bustape(line.iter().chain(&["--transmit-on", &port])).expect(0);
+    assert!(device.hear(&mut heard).is_ok_and(|length| length > 0));
 }
 
 #[test]

@@ -73,7 +73,8 @@ fn filters(args: &CatArgs, recording: &Recording) -> Result<Filters> {
         return Ok((None, vec![Some(CanSettings::default()); recording.buses.len()]));
     }
     let mut names = Vec::new();
-    let mut filters = vec![None; recording.buses.len()];
+    // All of a bus together, as an address has them.
+    let mut addresses: Vec<Option<String>> = vec![None; recording.buses.len()];
     for text in &args.filters {
         let name = text.split(',').next().unwrap_or_default();
         let Some(bus) = recording.buses.iter().position(|bus| bus == name) else {
@@ -82,11 +83,16 @@ fn filters(args: &CatArgs, recording: &Recording) -> Result<Filters> {
                 recording.buses.join(", ")
             )));
         };
-        let (_, settings) = parse_filter(text)?;
-        filters[bus] = Some(settings);
+        parse_filter(text)?;
+        let address = addresses[bus].get_or_insert_with(|| name.to_owned());
+        address.push_str(&text[name.len()..]);
         names.push(name.to_owned());
     }
-    Ok((Some(names), filters))
+    let filters = addresses.iter().map(|address| {
+        let address = address.as_ref();
+        address.map(|text| Ok(parse_filter(text)?.1)).transpose()
+    });
+    Ok((Some(names), filters.collect::<Result<_>>()?))
 }
 
 /// `BUS[,FILTER]...`: the bus, and candump's filters.

@@ -5,19 +5,57 @@ use std::io::Write;
 use anyhow::Result;
 use serde_json::{Map, Value, json};
 
+use super::rules;
 use super::show::number;
 use crate::commands::output;
+use crate::decode::assembly::Assembly;
 use crate::decode::dbc::{ByteOrder, Database, Message, Number, Signal};
-use crate::decode::definition::CanDefinition;
+use crate::decode::definition::{CanDefinition, RemoteMessage};
 use crate::text::printable;
 
-/// The message with this name or identifier.
-pub fn find<'a>(database: &'a Database, name: &str) -> Option<&'a Message> {
-    let named = database.messages.iter().find(|message| message.name == name);
+/// Something that has a name of its own.
+#[derive(Clone, Copy)]
+pub enum Named<'a> {
+    /// A message of the database.
+    Message(&'a Message),
+    /// A remote frame that is a message.
+    Remote(&'a RemoteMessage),
+    /// A message of several frames.
+    Assembly(&'a Assembly),
+}
+
+/// What has this name or identifier.
+pub fn find<'a>(definition: &'a CanDefinition, name: &str) -> Option<Named<'a>> {
+    let messages = &definition.database().messages;
+    let named = messages.iter().find(|message| message.name == name).map(Named::Message);
+    let remotes = definition.remotes().iter();
+    let named = named.or_else(|| remotes.clone().find(|r| r.name == name).map(Named::Remote));
+    let mut assemblies = definition.assemblies().iter();
+    let named = named.or_else(|| assemblies.find(|a| *a.name == *name).map(Named::Assembly));
     named.or_else(|| {
         let id = number(name)?;
-        database.messages.iter().find(|message| u64::from(message.id) == id)
+        let message = messages.iter().find(|message| u64::from(message.id) == id);
+        let message = message.map(Named::Message);
+        message.or_else(|| remotes.clone().find(|r| u64::from(r.id) == id).map(Named::Remote))
     })
+}
+
+/// One of them, for a person.
+pub fn show(out: &mut impl Write, database: &Database, named: Named<'_>) -> Result<()> {
+    match named {
+        Named::Message(found) => message(out, database, found),
+        Named::Remote(found) => rules::remote(out, found),
+        Named::Assembly(found) => rules::assembly(out, found),
+    }
+}
+
+/// The same as [`show`].
+pub fn show_json(database: &Database, named: Named<'_>) -> Value {
+    match named {
+        Named::Message(found) => message_json(database, found),
+        Named::Remote(found) => rules::remote_json(found),
+        Named::Assembly(found) => rules::assembly_json(found),
+    }
 }
 
 /// All messages, a line each, and those that are no data frame.
@@ -60,7 +98,7 @@ pub fn overview(out: &mut impl Write, definition: &CanDefinition) -> Result<()> 
 }
 
 /// One message and its signals.
-pub fn message(out: &mut impl Write, database: &Database, message: &Message) -> Result<()> {
+fn message(out: &mut impl Write, database: &Database, message: &Message) -> Result<()> {
     let direction = direction(database, message).map_or(String::new(), |d| format!(", {d}"));
     let head = format!("{} {}, {} bytes{direction}", id(message), message.name, message.length);
     output::heading(out, &printable(&head))?;
@@ -104,14 +142,7 @@ pub fn overview_json(name: &str, definition: &CanDefinition) -> Value {
             object.into()
         })
         .collect();
-    let remotes = definition.remotes().iter().map(|remote| {
-        json!({
-            "id": identifier(remote.id, remote.extended),
-            "message": remote.name,
-            "dir": remote.direction,
-            "title": remote.title,
-        })
-    });
+    let remotes = definition.remotes().iter().map(rules::remote_json);
     let assemblies = definition.assemblies().iter().map(|assembly| {
         let fields: Vec<&str> = assembly.fields.iter().map(|field| &*field.plan.name).collect();
         json!({
@@ -132,7 +163,7 @@ pub fn overview_json(name: &str, definition: &CanDefinition) -> Value {
 }
 
 /// The same as [`message`].
-pub fn message_json(database: &Database, message: &Message) -> Value {
+fn message_json(database: &Database, message: &Message) -> Value {
     let mut object = head_json(database, message);
     let signals: Vec<Value> = message.signals.iter().map(|s| signal_json(message, s)).collect();
     object.insert("signals".to_owned(), signals.into());
@@ -182,7 +213,8 @@ fn id(message: &Message) -> String {
     identifier(message.id, message.extended)
 }
 
-fn identifier(id: u32, extended: bool) -> String {
+/// As many digits as candump writes.
+pub fn identifier(id: u32, extended: bool) -> String {
     let digits = if extended { 8 } else { 3 };
     format!("0x{id:0digits$x}")
 }

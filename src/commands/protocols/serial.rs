@@ -58,7 +58,12 @@ pub fn command(out: &mut impl Write, command: &Command) -> Result<()> {
 }
 
 fn fields(out: &mut impl Write, payload: &Payload) -> Result<()> {
-    let rows = payload.fields.iter().map(|field| {
+    plans(out, payload.fields.iter().map(|field| &**field))
+}
+
+/// A table of fields.
+pub fn plans<'a>(out: &mut impl Write, fields: impl Iterator<Item = &'a FieldPlan>) -> Result<()> {
+    let rows = fields.map(|field| {
         vec![
             field.at.to_string(),
             field.name.to_string(),
@@ -112,7 +117,8 @@ fn head_json(command: &Command) -> Map<String, Value> {
     pairs.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()
 }
 
-fn field_json(field: &FieldPlan) -> Value {
+/// A field, for a program.
+pub fn field_json(field: &FieldPlan) -> Value {
     let table = |values: Option<&Values>| -> Map<String, Value> {
         let pairs = values.into_iter().flatten();
         pairs.map(|(value, text)| (value.to_string(), json!(**text))).collect()

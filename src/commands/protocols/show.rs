@@ -28,8 +28,7 @@ pub fn run(args: &ShowArgs) -> Result<Ended> {
         let object = match (&definition, &args.name) {
             (Definition::Can(can), None) => can::overview_json(&args.protocol, can),
             (Definition::Can(can), Some(name)) => {
-                let database = can.database();
-                can::message_json(database, find(args, can::find(database, name))?)
+                can::show_json(can.database(), find(args, can::find(can, name))?)
             }
             (Definition::Serial(protocol), None) => serial::overview_json(protocol),
             (Definition::Serial(protocol), Some(name)) => {
@@ -41,8 +40,7 @@ pub fn run(args: &ShowArgs) -> Result<Ended> {
         match (&definition, &args.name) {
             (Definition::Can(can), None) => can::overview(&mut out, can)?,
             (Definition::Can(can), Some(name)) => {
-                let database = can.database();
-                can::message(&mut out, database, find(args, can::find(database, name))?)?;
+                can::show(&mut out, can.database(), find(args, can::find(can, name))?)?;
             }
             (Definition::Serial(protocol), None) => serial::overview(&mut out, protocol)?,
             (Definition::Serial(protocol), Some(name)) => {

@@ -10,9 +10,9 @@ use super::board::Board;
 use super::patience::{Patience, Word};
 use super::plan::Plan;
 use super::service::Service;
+use super::status_line::StatusLine;
 use crate::clock::Timeline;
 use crate::commands::output;
-use crate::commands::status::StatusLine;
 use crate::frame::{Level, Notice, Unit};
 use crate::queue::{Allowance, Tally, Totals};
 use crate::record::{Outcome, Progress};
@@ -125,15 +125,9 @@ impl Watch<'_> {
     }
 }
 
-/// Shows sentences, each once.
+/// Shows sentences, each once, as soon as the terminal takes them.
 pub fn tell(status: &mut StatusLine, notices: &[Notice]) {
-    for notice in notices {
-        status.clear();
-        match notice.level {
-            Level::Info => output::note(&notice.text),
-            Level::Warning | Level::Error => output::warning(&notice.text),
-        }
-    }
+    status.say(notices);
 }
 
 /// The three ways a person or the system says stop.

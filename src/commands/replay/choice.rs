@@ -10,14 +10,12 @@ use super::usage;
 use crate::capture::socketcan::CanSettings;
 use crate::cli::replay::ReplayArgs;
 use crate::frame::Direction;
-use crate::recording::reader::Recording;
 use crate::replay::select::{Selection, Which, identifier};
 use crate::replay::target::{TargetAddress, TargetSpec};
 
 /// What is played of the bus of `spec`.
 pub fn selection(
     args: &ReplayArgs,
-    recording: &Recording,
     spec: &TargetSpec,
     carries: Carries,
     definitions: &Definitions<'_>,
@@ -27,7 +25,7 @@ pub fn selection(
         error_frames: spec.address == TargetAddress::Trace,
         only: only(args, bus)?,
         filters: filters(args, bus, carries)?,
-        messages: messages(args, bus, recording),
+        messages: messages(args, bus),
         remap: remaps(args, bus)?,
         definition: None,
     };
@@ -54,11 +52,10 @@ fn filters(args: &ReplayArgs, bus: &str, carries: Carries) -> Result<CanSettings
     all.parse().or_else(|error| usage(format!("--filter for {bus}: {error}")))
 }
 
-fn messages(args: &ReplayArgs, bus: &str, recording: &Recording) -> Vec<String> {
+fn messages(args: &ReplayArgs, bus: &str) -> Vec<String> {
     let of_bus = |text: &String| match text.split_once(':') {
-        Some((name, message)) if name == bus => Some(message.to_owned()),
-        Some((name, _)) if recording.buses.iter().any(|other| other == name) => None,
-        Some(_) | None => Some(text.clone()),
+        Some((name, message)) => (name == bus).then(|| message.to_owned()),
+        None => Some(text.clone()),
     };
     args.messages.iter().filter_map(of_bus).collect()
 }
@@ -140,21 +137,46 @@ pub fn shown_name(args: &ReplayArgs, bus: &str) -> String {
     renamed.find(|(old, _)| *old == bus).map_or(bus, |(_, new)| new).to_owned()
 }
 
-/// Options that name a bus must name one that is played.
+/// Options that name a bus must name one that is played; those of CAN frames one that has some.
 pub fn check_options(args: &ReplayArgs, plan: &Plan) -> Result<()> {
-    let known = |name: &str| plan.buses().any(|(_, bus, _)| bus == name);
     let named = |text: &str, end: &[char]| text.split(end).next().unwrap_or_default().to_owned();
-    let filters = args.filters.iter().map(|text| ("filter", text, named(text, &[','])));
-    let remaps = args.remap.iter().map(|text| ("remap", text, named(text, &[':', '='])));
-    let only = args.only.iter().filter(|text| text.contains(':'));
-    let only = only.map(|text| ("only", text, named(text, &[':'])));
-    for (option, text, bus) in filters.chain(remaps).chain(only) {
-        if option == "filter" && !text.contains(',') {
+    for text in &args.filters {
+        if !text.contains(',') {
             return usage(format!("--filter {text}: write it as BUS,123:7FF, e.g. can0,123:7FF"));
         }
-        if !known(&bus) {
-            return usage(format!("--{option} {text}: there is no --to for {bus}"));
+        played(plan, "filter", text, &named(text, &[',']))?;
+    }
+    for text in args.only.iter().filter(|text| text.contains(':')) {
+        played(plan, "only", text, &named(text, &[':']))?;
+    }
+    for text in &args.remap {
+        let carries = played(plan, "remap", text, &named(text, &[':', '=']))?;
+        let identifiers = text.split('=').next().is_some_and(|old| old.contains(':'));
+        if identifiers && carries != Carries::Can {
+            return usage(format!("--remap {text}: a serial line has no identifiers"));
+        }
+    }
+    for text in &args.messages {
+        let is_can = match text.split_once(':') {
+            Some((bus, _)) => played(plan, "message", text, bus)? == Carries::Can,
+            None => (0..plan.feed.buses.len()).any(|bus| plan.carries(bus) == Carries::Can),
+        };
+        if !is_can {
+            return usage(format!(
+                "--message {text}: only CAN buses have messages to choose from, and none is played"
+            ));
         }
     }
     Ok(())
+}
+
+/// What the bus called `name` carries, if it is one that is played.
+fn played(plan: &Plan, option: &str, text: &str, name: &str) -> Result<Carries> {
+    match plan.buses().find(|(_, bus, _)| *bus == name) {
+        None => usage(format!("--{option} {text}: there is no --to for {name}")),
+        Some((bus, ..)) if plan.answers(bus) => usage(format!(
+            "--{option} {text}: {name} is answered, so nothing of it is played that could be chosen"
+        )),
+        Some((bus, ..)) => Ok(plan.carries(bus)),
+    }
 }

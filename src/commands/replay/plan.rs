@@ -126,7 +126,7 @@ impl Wanted {
             self.0.into_iter().partition(|spec| args.answer.contains(&spec.bus));
         for spec in &played {
             let carries = carries(recording, spec)?;
-            let selection = selection(args, recording, spec, carries, &definitions)?;
+            let selection = selection(args, spec, carries, &definitions)?;
             plan.feed.buses.push(FedBus { name: spec.bus.clone(), selection });
             plan.carried.push(carries);
             plan.names.push(shown_name(args, &spec.bus));
@@ -136,6 +136,13 @@ impl Wanted {
             plan.carried.push(carries(recording, spec)?);
             if spec.address == TargetAddress::Trace {
                 return usage(format!("--answer {}: nobody asks a trace", spec.bus));
+            }
+            if plan.targets.iter().any(|target| target.address == spec.address) {
+                return usage(format!(
+                    "--answer {}: {} is the target of another bus, too; who asks there could not \
+                     tell them apart, so give each a target of its own",
+                    spec.bus, spec.text
+                ));
             }
             plan.answered.push(spec.bus.clone());
             plan.names.push(spec.bus.clone());
@@ -175,23 +182,34 @@ fn carries(recording: &Recording, spec: &TargetSpec) -> Result<Carries> {
         let buses = recording.buses.join(", ");
         return usage(format!("--to {bus}={text}: the recording has no bus {bus}, only {buses}"));
     }
-    let topic = format!("/{bus}/raw");
-    let schema = recording.segments.iter().find_map(|segment| {
-        let channel = segment.channels.values().find(|channel| channel.topic == topic)?;
-        segment.schemas.get(&channel.schema).map(|schema| schema.name.as_str())
-    });
-    match schema {
-        Some("bustape.SerialBytes") if !address.takes_serial() => usage(format!(
+    match (holds(recording, bus, Carries::Can), holds(recording, bus, Carries::Serial)) {
+        (true, true) => usage(format!(
+            "--to {bus}={text}: {bus} is a CAN bus in one of the files and a serial line in \
+             another; play them one after the other"
+        )),
+        (_, true) if !address.takes_serial() => usage(format!(
             "--to {bus}={text}: {bus} is a serial line, which needs a pty:, a serial port or trace:"
         )),
-        Some("bustape.SerialBytes") => Ok(Carries::Serial),
-        Some(_) if !address.takes_can() => usage(format!(
+        (_, true) => Ok(Carries::Serial),
+        (true, _) if !address.takes_can() => usage(format!(
             "--to {bus}={text}: {bus} is a CAN bus, which needs a CAN interface, slcan: or trace:"
         )),
         // A bus on which nothing was recorded has no channel; it fits anywhere.
-        None if !address.takes_can() => Ok(Carries::Serial),
-        Some(_) | None => Ok(Carries::Can),
+        (false, _) if !address.takes_can() => Ok(Carries::Serial),
+        _ => Ok(Carries::Can),
     }
+}
+
+/// True if one of the files has frames of this kind of `bus`.
+fn holds(recording: &Recording, bus: &str, what: Carries) -> bool {
+    let topic = format!("/{bus}/raw");
+    recording.segments.iter().any(|segment| {
+        let own = segment.channels.values().filter(|channel| channel.topic == topic);
+        own.filter_map(|channel| segment.schemas.get(&channel.schema)).any(|schema| {
+            let serial = schema.name == "bustape.SerialBytes";
+            serial == (what == Carries::Serial)
+        })
+    })
 }
 
 fn range(args: &ReplayArgs, recording: &Recording) -> Result<RangeInclusive<Timestamp>> {

@@ -1,8 +1,9 @@
 //! What a replay says of itself at its end.
 
 use std::fmt::Write as _;
-use std::io;
+use std::io::Write as _;
 
+use anyhow::{Context as _, Result};
 use serde_json::{Value, json};
 
 use super::omitted_text;
@@ -26,17 +27,17 @@ pub fn report(
     stage: &Stage<'_>,
     outcome: &Outcome,
     verdicts: &[Option<Verdict>],
-) -> io::Result<()> {
+) -> Result<()> {
     let text = if args.json {
         format!("{}\n", as_json(plan, stage, outcome, verdicts))
     } else {
         as_table(plan, stage, outcome, verdicts)
     };
     if plan.targets.iter().any(|target| target.address == TargetAddress::Trace) {
-        anstream::eprint!("{text}");
-        return Ok(());
+        let mut stderr = std::io::stderr();
+        return stderr.write_all(text.as_bytes()).context("cannot write the report to stderr");
     }
-    output::result(&text)
+    Ok(output::result(&text)?)
 }
 
 fn reason(outcome: &Outcome) -> &'static str {

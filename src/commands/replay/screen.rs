@@ -1,9 +1,6 @@
 //! What a person sees while a recording is played.
 
 use std::io::{IsTerminal as _, Write as _};
-use std::os::fd::AsFd as _;
-
-use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 
 use super::plan::Plan;
 use crate::commands::{cat, output};
@@ -41,17 +38,10 @@ impl Screen {
 
     /// Makes room for other output.
     pub fn clear(&mut self) {
-        if std::mem::take(&mut self.shown) && takes_text() {
+        if std::mem::take(&mut self.shown) && output::takes_text() {
             eprint!("\r\x1b[K");
         }
     }
-}
-
-/// False while the terminal is stopped (Ctrl-S), which must not stop the replay with it.
-fn takes_text() -> bool {
-    let stderr = std::io::stderr();
-    let mut ready = [PollFd::new(stderr.as_fd(), PollFlags::POLLOUT)];
-    poll(&mut ready, PollTimeout::ZERO).is_ok_and(|ready| ready > 0)
 }
 
 impl Audience for Screen {
@@ -79,7 +69,8 @@ impl Audience for Screen {
     }
 
     fn show(&mut self, position: &Position) {
-        if !takes_text() {
+        // A stopped terminal must not stop the replay with it.
+        if !output::takes_text() {
             return;
         }
         let state = if position.paused { "paused" } else { "playing" };

@@ -21,7 +21,7 @@ pub async fn run(args: &HmiCanArgs) -> Result<Ended> {
              up\" makes one, \"bustape ports\" lists those that are there"
         )
     })?;
-    permit::grant(&[Reach::of_interface(interface.clone())], &simulation.transmit_on)?;
+    let permit = permit::grant(&[Reach::of_interface(interface.clone())], &simulation.transmit_on)?;
     if !interface.up {
         bail!("the interface {name} is down; \"ip link set {name} up\" helps");
     }
@@ -40,8 +40,8 @@ pub async fn run(args: &HmiCanArgs) -> Result<Ended> {
         }
         bus = bus.with_faults(faults.clone());
     }
-    let transmitter =
-        Transmitter::open(name).with_context(|| format!("cannot open the interface {name}"))?;
+    let transmitter = Transmitter::open(&interface, &permit)
+        .with_context(|| format!("cannot open the interface {name}"))?;
     output::note(&format!("{} on {name}; Ctrl-C ends.", what(args.role)));
     let played = async {
         play(bus, &transmitter).await.with_context(|| format!("sending on {name} failed"))

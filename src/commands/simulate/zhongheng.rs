@@ -36,8 +36,9 @@ fn open(args: &ZhonghengArgs) -> Result<Line> {
     Ok(match SerialAddress::parse(address) {
         Some(Ok(SerialAddress::Pty { link })) => Line::linked(&link, BAUD)?,
         Some(Ok(SerialAddress::Port { path, settings })) => {
-            permit::grant(&[Reach::of_port(&path)], &args.simulation.transmit_on)?;
-            Line::port(path, settings)?
+            let reach = [Reach::of_port(&path)];
+            let permit = permit::grant(&reach, &args.simulation.transmit_on)?;
+            Line::port(path, settings, &permit)?
         }
         Some(Err(error)) => bail!(wrong(error.to_string())),
         Some(Ok(_)) | None => bail!(wrong(

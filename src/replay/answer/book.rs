@@ -7,7 +7,7 @@ use std::sync::Arc;
 use crate::frame::Timestamp;
 
 /// Most memory for answers, bytes.
-const MOST: usize = 64 << 20;
+pub(super) const MOST: usize = 64 << 20;
 /// What an answer takes beside its content, about.
 const EACH: usize = 48;
 

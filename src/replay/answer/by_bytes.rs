@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use super::book::{Book, Found, Recorded};
+use super::book::{Book, Found, MOST, Recorded};
 use super::{Answerer, Counts, Learnt, Manner, Pupil, Reply};
 use crate::frame::{Direction, Frame, SerialBytes, Timestamp};
 use crate::replay::sink::Heard;
@@ -12,6 +12,8 @@ use crate::replay::sink::Heard;
 const SILENCE: u64 = 50_000_000;
 /// Longest request.
 const LONGEST: usize = 64 << 10;
+/// What a piece takes beside its bytes, about.
+const EACH: usize = 32;
 
 /// What was said, in pieces: how long after the first, and the bytes.
 type Pieces = Vec<(u64, Vec<u8>)>;
@@ -25,6 +27,8 @@ pub struct Learner {
     asked: Timestamp,
     /// When the answer began, and its pieces.
     answer: Option<(Timestamp, Pieces)>,
+    /// What the answer takes.
+    size: usize,
 }
 
 impl Learner {
@@ -45,6 +49,12 @@ impl Learner {
             Direction::Rx => {
                 let (began, pieces) = self.answer.get_or_insert_with(|| (time, Vec::new()));
                 pieces.push((time.since(*began), bytes.data.clone()));
+                self.size += bytes.data.len() + EACH;
+                // A device that never stops talking must not fill the memory: the book has no room
+                // for this, and the request stays without an answer.
+                if self.size > MOST {
+                    self.close();
+                }
             }
         }
     }
@@ -53,12 +63,13 @@ impl Learner {
     pub fn gap(&mut self) {
         self.request.clear();
         self.answer = None;
+        self.size = 0;
     }
 
     /// The host speaks again, so the answer is complete.
     fn close(&mut self) {
         let Some((began, pieces)) = self.answer.take() else { return };
-        let size = pieces.iter().map(|(_, bytes)| bytes.len() + 32).sum();
+        let size = std::mem::take(&mut self.size);
         self.book.ask(&self.request);
         self.book.answer(&self.request, began.since(self.asked), began, pieces, size);
         self.request.clear();
@@ -238,5 +249,21 @@ mod tests {
         let counts = device.counts();
         assert_eq!((counts.requests, counts.answered, counts.silent), (5, 3, 1));
         assert_eq!(device.take_notes(), ["never recorded: [4E]"]);
+    }
+
+    #[test]
+    fn an_answer_without_end_is_not_remembered() {
+        let mut learner = Learner::default();
+        let piece = |direction, data| SerialBytes { direction, data, errors: Vec::new() };
+        learner.learn(Timestamp(0), &piece(Direction::Tx, b"A".to_vec()));
+        for n in 1..=80 {
+            learner.learn(Timestamp(n), &piece(Direction::Rx, vec![0; 1 << 20]));
+        }
+        assert!(learner.answer.is_none(), "80 MiB are held");
+        let (mut device, answers, full) =
+            learner.finish(Manner { cycle: true, delay: true, error: false });
+        assert_eq!((answers, full), (0, true));
+        assert_eq!(ask(&mut device, 0, b"A"), []);
+        assert_eq!(device.counts().silent, 1);
     }
 }

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use super::book::{Book, Found};
+use super::book::{Book, Found, MOST};
 use super::{Answerer, Counts, Learnt, Manner, Pupil, Reply};
 use crate::decode::answers::AnswerRule;
 use crate::frame::{CanFlags, CanFrame, Frame, Timestamp};
@@ -15,6 +15,8 @@ const SILENCE: u64 = 50_000_000;
 const LATE: u64 = 1_000_000_000;
 /// Most frames of a request.
 const LONGEST: usize = 256;
+/// What a frame of an answer takes, about.
+const EACH: usize = 80;
 
 /// What was said: how long after the first frame, and the frame.
 type Frames = Vec<(u64, Said)>;
@@ -82,6 +84,10 @@ impl Learner {
                 open.latest = time;
                 let (began, frames) = open.answer.get_or_insert_with(|| (time, Vec::new()));
                 frames.push((time.since(*began), Said::of(frame)));
+                // The book has no room for this, and the request stays without an answer.
+                if frames.len() * EACH > MOST {
+                    open.close(book);
+                }
             }
         }
     }
@@ -143,7 +149,7 @@ impl Learning {
     /// Somebody asks again, so the answer is complete.
     fn close(&mut self, book: &mut Book<Frames>) {
         let Some((began, frames)) = self.answer.take() else { return };
-        let size = frames.len() * 80;
+        let size = frames.len() * EACH;
         book.ask(&self.request);
         book.answer(&self.request, began.since(self.asked), began, frames, size);
         self.request.clear();
@@ -327,5 +333,18 @@ mod tests {
         assert_eq!(ask(&mut device, &both[..1]), []);
         assert_eq!(ask(&mut device, &[can(0x100, none, &[])]), []);
         assert_eq!(device.take_notes(), ["never recorded: r [200#07]"]);
+    }
+
+    #[test]
+    fn an_answer_without_end_is_not_remembered() {
+        let none = CanFlags::default();
+        let mut learner = Learner::new(vec![rule((0x100, 0x7FF, false), (0x110, 0x7F0))]);
+        learner.learn(Timestamp(0), &can(0x100, none, &[]));
+        for n in 1..=1_000_000 {
+            learner.learn(Timestamp(n), &can(0x111, none, &[1; 8]));
+        }
+        assert!(learner.open[0].answer.is_none(), "a million frames are held");
+        let (_, answers, full) = learner.finish(Manner { cycle: true, delay: true, error: false });
+        assert_eq!((answers, full), (0, true));
     }
 }

@@ -87,7 +87,9 @@ impl Player<'_, '_, '_> {
         let place = Place { from, lap: self.feed.lap(), media: self.media };
         self.feed = Feed::start(self.scope, self.stage.recording, self.stage.plan, place);
         self.schedule.jump(self.media, steady_nanos());
-        self.position = from;
+        // Behind the last frame there is no place to be.
+        let last = self.stage.recording.span().map_or(from, |span| span.1);
+        self.position = from.min(last);
         self.ended = false;
         let place = self.place();
         self.audience.say(&format!("now at {place}"));

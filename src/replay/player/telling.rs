@@ -21,11 +21,12 @@ impl Player<'_, '_, '_> {
         let stuck = |lane: &&Lane| lane.stuck_since().is_some_and(|since| now > since + STUCK);
         match self.stage.lanes.iter().find(stuck) {
             Some(lane) if !self.warned => {
-                self.audience.warn(&format!(
-                    "{} has taken nothing for 1 s; a CAN bus without another node that \
-                     acknowledges frames takes none",
-                    lane.target
-                ));
+                let why = if lane.waits_for_nodes() {
+                    "; a CAN bus without another node that acknowledges frames takes none"
+                } else {
+                    ""
+                };
+                self.audience.warn(&format!("{} has taken nothing for 1 s{why}", lane.target));
                 self.warned = true;
             }
             Some(_) => {}

@@ -12,6 +12,8 @@ use crate::sys::timing::{sleep_until, steady_nanos, wait};
 
 /// How long targets may take to get out what they took, after the last frame.
 const LAST_BYTES: u64 = 1_000_000_000;
+/// How long targets may take at an early end to get out what was counted as sent.
+const LAST_WORD: u64 = 50_000_000;
 /// Before a frame that is due so soon nobody is listened to: the sleep is shorter than a person or
 /// a signal notices, costs less than waiting for descriptors, and is more exact.
 const NAP: u64 = 5_000_000;
@@ -140,12 +142,14 @@ impl Player<'_, '_, '_> {
             // Nobody listens to it, but whoever writes must not be held up.
             return lane.sink().hear(&mut |_| {});
         };
+        let before = answerer.counts().answered;
         lane.sink().hear(&mut |heard| {
             answerer.hear(now, heard, &mut |delay, time, frame| {
                 answers.push(Answer { at: now + delay, time, frame });
             });
         })?;
         let (bus, notes) = (*bus, answerer.take_notes());
+        self.given += answerer.counts().answered - before;
         self.answer(number, bus, answers, notes);
         Ok(())
     }
@@ -160,9 +164,11 @@ impl Player<'_, '_, '_> {
                 continue;
             }
             let mut answers = Vec::new();
+            let before = answerer.counts().answered;
             answerer.look(now, &mut |delay, time, frame| {
                 answers.push(Answer { at: now + delay, time, frame });
             });
+            self.given += answerer.counts().answered - before;
             all.push((number, *bus, answers, answerer.take_notes()));
         }
         for (number, bus, answers, notes) in all {
@@ -176,8 +182,28 @@ impl Player<'_, '_, '_> {
         }
         let Some(lane) = self.stage.lanes.get_mut(lane) else { return };
         for Answer { at, time, frame } in answers {
-            self.given += 1;
             lane.push(at, Item { media: 0, time, bus, frame });
+        }
+    }
+
+    /// Gives up what still waits in the lanes. What targets have taken already still goes out, for
+    /// a moment.
+    pub(super) fn abandon(&mut self) {
+        for lane in &mut self.stage.lanes {
+            lane.abandon(&mut self.tallies);
+        }
+        let end = steady_nanos() + LAST_WORD;
+        loop {
+            let mut out = true;
+            for lane in &mut self.stage.lanes {
+                // Why it ended is known; a target that is gone as well adds nothing to that.
+                out &= lane.sink().rest().unwrap_or(true);
+            }
+            let now = steady_nanos();
+            if out || now >= end {
+                return;
+            }
+            sleep_until((now + 1_000_000).min(end));
         }
     }
 

@@ -90,6 +90,10 @@ impl Sink for CanSink {
         Some(self.sender.as_fd())
     }
 
+    fn is_can(&self) -> bool {
+        true
+    }
+
     fn listens(&self) -> bool {
         self.listening.is_some()
     }

@@ -72,6 +72,11 @@ pub trait Sink {
     /// The descriptor that tells of room and of what comes back.
     fn descriptor(&self) -> Option<BorrowedFd<'_>>;
 
+    /// True for a CAN bus.
+    fn is_can(&self) -> bool {
+        false
+    }
+
     /// True if what comes back has to be looked at.
     fn listens(&self) -> bool {
         false

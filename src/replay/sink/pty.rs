@@ -17,6 +17,9 @@ use crate::sys::pty::Pty;
 /// lost its bytes long before.
 const STALLED: Duration = Duration::from_secs(1);
 
+/// How long to wait for room at a time.
+const LOOK: Duration = Duration::from_millis(2);
+
 /// At the end everything is read when nothing was left for so long. The kernel moves bytes into the
 /// reader's buffer, the only one that can be asked, a moment after that has room.
 const READ_OUT: Duration = Duration::from_millis(50);
@@ -66,11 +69,11 @@ impl PtySink {
     fn stall(&mut self, done: usize, offered: usize) -> Took {
         if done > 0 {
             self.stuck = None;
-            return Took::blocked(done, Blocked::Writable);
         }
         if self.stuck.get_or_insert_with(Instant::now).elapsed() < STALLED {
-            // Also looks again by itself, since a reader that leaves makes no room.
-            return Took::blocked(0, Blocked::For(Duration::from_millis(2)));
+            // Looks again by itself, since neither a reader that leaves nor one that reads no more
+            // makes room.
+            return Took::blocked(done, Blocked::For(LOOK));
         }
         self.offset = 0;
         Took::omitted(offered, NotSent::NotRead)

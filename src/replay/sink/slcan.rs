@@ -180,7 +180,8 @@ impl Sink for SlcanSink {
             return Ok(Took::blocked(0, Blocked::For(left)));
         }
         let Some(Frame::Can(frame)) = front.first().map(|due| &due.item.frame) else {
-            return Ok(Took::sent(0));
+            // Something else than a frame would be offered again and again.
+            return Ok(Took::omitted(1, NotSent::ErrorFrame));
         };
         let Some(line) = codec::encode(frame) else {
             return Ok(Took::omitted(1, NotSent::ErrorFrame));
@@ -196,6 +197,10 @@ impl Sink for SlcanSink {
 
     fn descriptor(&self) -> Option<BorrowedFd<'_>> {
         Some(self.tty.as_fd())
+    }
+
+    fn is_can(&self) -> bool {
+        true
     }
 
     fn listens(&self) -> bool {

@@ -12,7 +12,9 @@ use tokio::time::{Instant, sleep, sleep_until};
 
 use super::HmiCan;
 use crate::frame::{CanFlags, CanFrame};
+use crate::permit::Permit;
 use crate::sys::Waiting;
+use crate::sys::link::Link;
 
 /// An interface on which frames are sent. Capture has nothing of the kind.
 pub struct Transmitter {
@@ -21,12 +23,13 @@ pub struct Transmitter {
 }
 
 impl Transmitter {
-    /// Opens `interface`. Needs a tokio runtime.
+    /// Opens the interface that was judged to be `link`, whatever has that name by now. Needs a
+    /// tokio runtime.
     ///
     /// # Errors
-    /// Where there is no such interface or no CAN.
-    pub fn open(interface: &str) -> io::Result<Self> {
-        let socket = CanSocket::open(interface)?;
+    /// Where there is no such interface any more, or no CAN.
+    pub fn open(link: &Link, _permit: &Permit) -> io::Result<Self> {
+        let socket = CanSocket::open_iface(link.index)?;
         socket.set_nonblocking(true)?;
         let waiting = Waiting::new(socket.as_fd().try_clone_to_owned()?, Interest::READABLE)?;
         Ok(Self { socket, waiting })

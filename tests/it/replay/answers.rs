@@ -165,3 +165,34 @@ fn without_a_definition_requests_are_known_by_their_bytes() {
         assert!(ran.err.contains("never recorded: [41 54 2B 58 0D]"), "{}", ran.err);
     }
 }
+
+#[test]
+fn a_count_of_answers_counts_requests_and_not_the_pieces_of_an_answer() {
+    let (rx, tx) = (Direction::Rx, Direction::Tx);
+    let made = Made::new(
+        Layout::Frame,
+        &[
+            (1, at(0, serial(tx, b"?"))),
+            (1, at(MILLI, serial(rx, b"1"))),
+            (1, at(2 * MILLI, serial(rx, b"2"))),
+            (1, at(3 * MILLI, serial(rx, b"3"))),
+            (1, at(500 * MILLI, serial(tx, b"!"))),
+        ],
+    );
+    let tty = made.path("tty");
+    let to = format!("line=pty:{}", tty.display());
+    let mut all = args(&[&"replay", &made.file, &"--to", &to]);
+    all.extend(["--answer", "line", "--count", "2", "--json"].iter().map(Into::into));
+    let running = start(all);
+    let mut terminal = open(&tty);
+    for _ in 0..2 {
+        // What has no answer does not count.
+        terminal.write_all(b"!?").unwrap();
+        let mut answer = [0; 3];
+        terminal.read_exact(&mut answer).unwrap();
+        assert_eq!(&answer, b"123");
+    }
+    let report = running.wait().expect(0).json();
+    assert_eq!(report["reason"], "count");
+    assert_eq!(report["buses"][0]["answers"]["answered"], 2, "{report}");
+}

@@ -11,7 +11,7 @@ use nix::sys::termios::LocalFlags;
 use super::{MILLI, Made, lines, serial};
 use crate::support::make::{START, at};
 use crate::support::person::Person;
-use crate::support::process::{args, start};
+use crate::support::process::{args, spawn, start};
 use crate::support::terminal::open;
 use crate::support::until;
 
@@ -58,6 +58,23 @@ fn a_replay_is_paused_stepped_sought_and_marked_by_a_script() {
     assert_eq!(report["marks"][0]["text"], "here");
     assert_eq!(report["marks"][0]["time_ns"], START + 200 * MILLI);
     assert!(ran.err.contains("\"nonsense\" is no command"), "{}", ran.err);
+}
+
+#[test]
+fn the_last_command_of_a_script_needs_no_end_of_line() {
+    let made = Made::new(Layout::Frame, &[(1, at(0, serial(Direction::Rx, b"a")))]);
+    // Behind the end of the recording there is nothing to go to, and nothing to wait for.
+    for (script, said) in [("quit", "\"reason\":\"quit\""), ("seek +90s", "now at +0.000 s")] {
+        let mut command = std::process::Command::new("sh");
+        let replay = format!(
+            "printf '{script}' | {} replay {} --to line=trace: --paused --control - --json",
+            crate::support::process::BUSTAPE,
+            made.file.display()
+        );
+        command.args(["-c", &replay]);
+        let ran = spawn(command).wait().expect(0);
+        assert!(ran.err.contains(said), "{}", ran.err);
+    }
 }
 
 #[test]

@@ -11,20 +11,34 @@ use super::rewrite::{self, Channels, Copy};
 use super::{Ended, output};
 use crate::channels::Stream;
 use crate::cli::DecodeArgs;
-use crate::frame::{Frame, Level, Notice, Stamped, Timestamp};
+use crate::frame::{Frame, Level, Notice, Stamped, Timestamp, Unit};
 use crate::recording::definition::{Attachment, Facts};
 use crate::recording::message;
 use crate::recording::reader::{Carriers, Entry, Recording};
 use crate::recording::writer::{Head, SegmentWriter, WriterOptions};
 use crate::text::{printable, printable_json};
 
+/// What a bus is counted in, by what stands on its channel of raw data.
+fn unit(recording: &Recording, bus: &str) -> Option<Unit> {
+    let topic = format!("/{bus}/raw");
+    recording.segments.iter().find_map(|segment| {
+        let channel = segment.channels.values().find(|channel| channel.topic == topic)?;
+        match segment.schemas.get(&channel.schema)?.name.as_str() {
+            "bustape.CanFrame" | "bustape.CanBatch" => Some(Unit::Frames),
+            "bustape.SerialBytes" => Some(Unit::Bytes),
+            _ => None,
+        }
+    })
+}
+
 /// Runs the command.
 pub fn run(args: &DecodeArgs) -> Result<Ended> {
     let recording = Recording::open(&args.files)?;
     let mut head = rewrite::head(&recording)?;
     let kept = needed(&head, &args.decode);
-    let Definitions { streams, attachments, incomplete, .. } =
-        definitions::load(&args.decode, &recording.buses, kept)?;
+    let definitions = definitions::load(&args.decode, &recording.buses, kept)?;
+    definitions.check(recording.buses.iter().map(|bus| (bus.clone(), unit(&recording, bus))))?;
+    let Definitions { streams, attachments, incomplete, .. } = definitions;
     update(&mut head, &streams, attachments);
     let mut decode = Decode::new(&recording, streams);
     decode.say_replaced();

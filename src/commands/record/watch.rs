@@ -12,7 +12,6 @@ use super::plan::Plan;
 use super::service::Service;
 use super::status_line::StatusLine;
 use crate::clock::Timeline;
-use crate::commands::output;
 use crate::frame::{Level, Notice, Unit};
 use crate::queue::{Allowance, Tally, Totals};
 use crate::record::{Outcome, Progress};
@@ -105,8 +104,7 @@ impl Watch<'_> {
         match self.patience.look(rounds, Instant::now()) {
             None => {}
             Some(Word::Waiting(text)) => {
-                self.status.clear();
-                output::warning(&text);
+                self.status.say(&[Notice { level: Level::Warning, text }]);
             }
             Some(Word::Over(text)) => self.progress.remark(Level::Warning, text),
         }
@@ -119,8 +117,7 @@ impl Watch<'_> {
             Ok(Err(error)) => error,
             Err(error) => format!("a source has failed: {error}"),
         };
-        self.status.clear();
-        output::warning(&error);
+        self.status.say(&[Notice { level: Level::Warning, text: error.clone() }]);
         self.errors.push(error);
     }
 }

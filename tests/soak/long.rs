@@ -19,7 +19,7 @@ use crate::support::{messages, until};
 pub const SOAK: Item = Item {
     name: "soak",
     promise: "days without leaks: 4,000 CAN frames/s of an adapter and two serial lines, decoded, segments of 1 min, \
-              the oldest deleted; memory slope at most 1 MiB/h, descriptors constant, books balance (default: 8 h)",
+              the oldest deleted; memory slope at most 1 MiB/h, descriptors constant but for a segment that waits for its name, books balance (default: 8 h)",
     count: 1,
     unit: "recordings",
     side_by_side: 1,
@@ -168,7 +168,9 @@ fn soak(job: &Job) -> Found {
         found.number("descriptors, least / most", format!("{} / {}", descriptors.0, descriptors.1));
         found.number("processor time", format!("{:.1} % of a core", cpu * 100.0));
         found.require(slope <= 1.0, || format!("memory grows by {slope:.2} MiB/h"));
-        found.require(descriptors.0 == descriptors.1, || format!("descriptors {descriptors:?}"));
+        // A segment that waits for its name has one beside the open one's.
+        let constant = descriptors.1 <= descriptors.0 + 1;
+        found.require(constant, || format!("descriptors {descriptors:?}"));
     }
     found
 }

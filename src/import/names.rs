@@ -19,7 +19,7 @@ impl Names {
         &self.names
     }
 
-    /// The index of a name, of which the first [`LONGEST`] characters count; a new one is appended.
+    /// The index of a name, of which the first 64 characters count; a new one is appended.
     /// The error says why it cannot be.
     pub fn index(&mut self, name: &str) -> Result<u16, String> {
         let end = name.char_indices().nth(LONGEST).map_or(name.len(), |(end, _)| end);

@@ -6,7 +6,7 @@ use crate::frame::Frame;
 
 /// Frames before the first one, in a format whose times count from that.
 pub const EARLIER: &str = "times before that of the first frame";
-/// Frames of buses that [`super::fitting`] had to give another name.
+/// Frames of buses that `fitting.rs` had to give another name.
 pub const NAMES: &str = "names of buses with blanks or other marks";
 
 /// Counts what is lost on the way into a format.

@@ -55,7 +55,10 @@ pub fn run(args: &RecoverArgs) -> Result<Ended> {
         output::warning(&format!("{}: not all of it could be recovered", one.input.display()));
     }
     if failed > 0 {
-        bail!("{failed} of {} files could not be recovered", files.len());
+        bail!(
+            "{failed} of {} files could not be recovered; a warning above says why for each",
+            files.len()
+        );
     }
     let whole = done.iter().all(|one| one.report.is_whole());
     Ok(if whole { Ended::Well } else { Ended::WithLoss })
